@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import reduce
@@ -80,9 +80,6 @@ as a column, for both corners of a box."""
 
 MAX_NEAR_POSITIONS: Final = 2**10
 """Number of a room's nearest positions that are tested first, and largest number of others."""
-
-MIN_POSITIONS_PER_PART: Final = 2**12
-"""Number of a room's nearest positions that are searched first for the closest one."""
 
 MAX_ROWS_PER_BATCH: Final = 2**16
 """Largest number of configurations that are tested together, if positions are fewer."""
@@ -282,26 +279,27 @@ class Room:
         gaps = np.clip(position, corners, ends) - position
         return np.asarray(np.linalg.norm(gaps, axis=1) <= self.radius + slack)
 
-    def place_in_cells(self, space: ConfigurationMap) -> Iterator[Floats]:
-        """Yield configurations with a position of the room in each cell that meets it.
+    def find_positions(self, space: ConfigurationMap) -> Floats:
+        """Find a position of the room in each cell that meets it, shape (n, dim).
 
-        Their batches have shape (n, size); the first one is the middle. The others keep off the
-        borders of their cells, as far as the room reaches into these.
+        The first one is the middle. The others keep off the borders of their cells, as far as the
+        room reaches into these.
         """
-        yield self.middle[np.newaxis]
+        middle = self.middle[np.newaxis, : space.dim]
         if self.region is None and not self.radius:
-            return
+            return middle
+        found = [middle]
         for cells, is_inner in self.list_positions(space):
             centers = _find_centers(space, cells)
             if self.region is None:
-                yield self._place_in_ball(space, centers)
+                found.append(self._place_in_ball(space, centers))
             else:
-                yield self._place_in_region(self.region, space, centers, is_inner)
+                found.append(self._place_in_region(self.region, space, centers, is_inner))
+        return np.concatenate(found)
 
     def _place_in_ball(self, space: ConfigurationMap, centers: Floats) -> Floats:
-        """Return configurations of a ball in cells with these centers, shape (n, size)."""
+        """Return positions of a ball in cells with these centers, shape (n, dim)."""
         half = 0.5 * space.grid.spacing
-        rows = np.tile(self.middle, (len(centers), 1))
         position = self.middle[: space.dim]
         nearest = position.clip(centers - half, centers + half)
         inset = (1.0 - 2.0 * INSET) * half
@@ -309,8 +307,7 @@ class Room:
         depths = self.radius - np.linalg.norm(nearest - position, axis=1)
         sizes = np.linalg.norm(steps, axis=1)
         shares = np.minimum((1.0 - INSET) * depths.clip(0.0) / np.maximum(sizes, TINY), 1.0)
-        rows[:, : space.dim] = nearest + shares[:, np.newaxis] * steps
-        return rows
+        return np.asarray(nearest + shares[:, np.newaxis] * steps)
 
     def _place_in_region(
         self,
@@ -319,44 +316,38 @@ class Room:
         centers: Floats,
         is_inner: Bools,
     ) -> Floats:
-        """Return configurations of a region in cells with these centers, shape (n, size).
+        """Return positions of a region in cells with these centers, shape (n, 2).
 
         The region contains the cells that ``is_inner`` marks, and may barely touch others, which
         get none.
         """
         half = 0.5 * space.grid.spacing
-        rows = np.tile(self.middle, (len(centers), 1))
-        rows[:, :2] = centers
         border = np.flatnonzero(~is_inner)
         cut = border[~shapely.contains_xy(region, *centers[border].T)]
         boxes = shapely.box(*(centers[cut] - half).T, *(centers[cut] + half).T)
         points = shapely.point_on_surface(shapely.intersection(region, boxes))
         is_met = ~shapely.is_empty(points)
-        rows[cut[is_met], :2] = shapely.get_coordinates(points[is_met])
-        return np.delete(rows, cut[~is_met], axis=0)
+        centers[cut[is_met]] = shapely.get_coordinates(points[is_met])
+        return np.delete(centers, cut[~is_met], axis=0)
 
     def list_rotations(self, space: ConfigurationMap) -> Ints:
         """List the rotation cells that meet the room."""
         angles = np.array([self.angle + 2.0 * ANGLE_SLACK])
         return space.rotations.find_cells_within(self.middle[np.newaxis], angles)[1]
 
-    def find_components(self, space: ConfigurationMap, mixed: bool) -> list[Floats]:
-        """Return configurations, some in each component of cells.
+    def find_components(self, space: ConfigurationMap, mixed: bool) -> Ints:
+        """Find the components of FREE cells with proven configurations of the room.
 
-        They are proven free and lie in the room, or with ``mixed`` in all cells that meet it.
+        With ``mixed``, find those of FREE and MIXED cells with any cell that meets the room.
         """
+        labels = np.array([-1])
         if not mixed:
-            seen = np.array([-1])
-            members: list[Floats] = []
-            for rows in self.list_members(space, self.place_in_cells(space)):
-                new = rows[~np.isin(find_components(space, rows), seen)]
+            turned = self._turn_to_cells(space, INSET)
+            for rows, _ in self.list_members(space, self.find_positions(space), turned):
+                new = rows[~np.isin(find_components(space, rows), labels)]
                 proven = new[space.is_connected(new, new)]
-                members.append(_take_one_each(space, proven, mixed))
-                seen = np.append(seen, find_components(space, members[-1]))
-            return members
-        if self.is_point:
-            middle = wrap_angles(self.middle[np.newaxis], space.is_periodic)
-            return [_take_one_each(space, middle, mixed)]
+                labels = np.union1d(labels, find_components(space, proven))
+            return labels[1:]
         rotations = space.rotations.centers[self.list_rotations(space)]
         batches: Iterator[Floats]
         batches = (_find_centers(space, cells) for cells, _ in self.list_positions(space))
@@ -364,18 +355,19 @@ class Room:
             # All cells outside the grid are alike.
             outside = np.array(space.grid.lower) - space.grid.spacing
             batches = itertools.chain(batches, [outside[np.newaxis]])
-        found: list[list[Floats]] = [[] for _ in rotations]
-        for centers in batches:
-            for rotation, parts in zip(rotations, found, strict=True):
-                turned = np.broadcast_to(rotation, (len(centers), len(rotation)))
-                parts.append(_take_one_each(space, np.column_stack([centers, turned]), mixed))
-        return list(itertools.chain(*found))
+        for centers, rotation in itertools.product(batches, rotations):
+            turned = np.broadcast_to(rotation, (len(centers), len(rotation)))
+            rows = np.column_stack([centers, turned])
+            labels = np.union1d(labels, find_components(space, rows, mixed))
+        return labels[1:]
 
-    def find_goals(self, edges: LocalPlanner, start: Endpoint) -> list[Endpoint]:
+    def find_goals(
+        self, edges: LocalPlanner, start: Endpoint, joined: Ints | None = None
+    ) -> list[Endpoint]:
         """Find free configurations of the room, the most promising first.
 
-        If a path from the start may reach some, return only these. Raises ConfigurationError if no
-        configuration is proven free.
+        If some lie in the components ``joined``, by default that of the start, return only these.
+        Raises ConfigurationError if no configuration is proven free.
         """
         space = edges.cells
         origin = np.array([start])
@@ -384,7 +376,9 @@ class Room:
             return [start]
         if self.is_point:
             return [edges.space.check_endpoint(self.middle, self.name)]
-        pool = self._find_candidates(edges, start)
+        if joined is None:
+            joined = find_joined(space, [[Room("", origin[0])]], mixed=edges.exact)
+        pool = self._find_candidates(edges, start, joined)
         if not len(pool.rows):
             raise self._make_error(space)
         goals = [tuple(q) for q in pool.spread(space).rows.tolist()]
@@ -394,47 +388,42 @@ class Room:
                 goals.insert(0, edges.space.check_endpoint(self.middle, self.name))
         return list(dict.fromkeys(goals))
 
-    def list_members(self, space: ConfigurationMap, batches: Iterable[Floats]) -> Iterator[Floats]:
-        """Yield configurations of the room at batches of positions, the same number or more.
+    def list_members(
+        self, space: ConfigurationMap, positions: Floats, turned: Floats
+    ) -> Iterator[tuple[Floats, Ints]]:
+        """Yield batches of configurations in the room, with the numbers of their positions.
 
-        The rotations are those of the middle, and in each rotation cell nearly the nearest to it.
+        They have all ``positions``, shape (n, dim), each at the middle's rotation and those of
+        configurations ``turned``, shape (m, size).
         """
-        turned = np.vstack([self.middle, self._turn_to_cells(space, INSET)])[:, space.dim :]
-        size = max(MAX_ROWS_PER_BATCH // len(turned), 1)
-        for batch in batches:
-            for first in range(0, len(batch), size):
-                part = batch[first : first + size]
-                rows = np.repeat(part, len(turned), axis=0)
-                rows[:, space.dim :] = np.tile(turned, (len(part), 1))
-                inside = space.grid.contains(rows[:, : space.dim])
-                yield rows[inside & self.contains(space, rows)]
+        rotations = np.vstack([self.middle, turned])[:, space.dim :]
+        size = max(MAX_ROWS_PER_BATCH // len(rotations), 1)
+        for first in range(0, len(positions), size):
+            part = positions[first : first + size]
+            numbers = np.tile(np.arange(first, first + len(part)), len(rotations))
+            rows = np.hstack([positions[numbers], np.repeat(rotations, len(part), axis=0)])
+            kept = self.contains(space, rows) & space.grid.contains(positions[numbers])
+            yield rows[kept], numbers[kept]
 
-    def find_closest(self, space: ConfigurationMap, joined: Floats) -> Endpoint:
-        """Find the configuration nearest to the middle that FREE cells join to others.
+    def find_closest(self, space: ConfigurationMap, joined: Ints) -> Endpoint:
+        """Find the configuration nearest to the middle in components of FREE cells.
 
-        The distance of positions decides, then the angle. The others are ``joined``, (n, size).
-        Raises ConfigurationError if there is none.
+        The distance of positions decides, then the angle. Raises ConfigurationError if there is
+        none in the components ``joined``.
         """
         dim = space.dim
-        gaps = np.concatenate(
-            [
-                np.linalg.norm(rows[:, :dim] - self.middle[:dim], axis=1)
-                for rows in self.place_in_cells(space)
-            ]
-        )
-        # Each list of positions passes the whole room, so the parts grow.
-        ends = MIN_POSITIONS_PER_PART * (2 ** np.arange(1, 32) - 1)
-        for few in np.split(np.argsort(gaps, kind="stable"), ends[ends < len(gaps)]):
-            positions = _take_rows(self.place_in_cells(space), few)
-            for members in self.list_members(space, [positions]):
-                is_joined = np.zeros(len(members), dtype=np.bool_)
-                for q in joined:
-                    is_joined |= space.is_connected(q, members)
-                rows = members[is_joined]
-                if len(rows):
-                    lengths = np.linalg.norm(rows[:, :dim] - self.middle[:dim], axis=1)
-                    turns = _measure_turns(space, tuple(self.middle.tolist()), rows)
-                    return tuple(rows[np.lexsort((turns, lengths))[0]].tolist())
+        positions = self.find_positions(space)
+        gaps = np.linalg.norm(positions - self.middle[:dim], axis=1)
+        order = np.argsort(gaps, kind="stable")
+        turned = self._turn_to_cells(space, INSET)
+        for members, numbers in self.list_members(space, positions[order], turned):
+            is_joined = np.isin(find_components(space, members), joined)
+            is_joined[is_joined] = space.is_connected(members[is_joined], members[is_joined])
+            rows = members[is_joined]
+            if len(rows):
+                turns = _measure_turns(space, tuple(self.middle.tolist()), rows)
+                nearest_first = np.lexsort((turns, gaps[order[numbers[is_joined]]]))
+                return tuple(rows[nearest_first[0]].tolist())
         problem = f"has no configuration within {self.radius:g} m that FREE cells join to the start"
         hint, nearest = "", None
         if math.isfinite(self.radius):
@@ -470,57 +459,46 @@ class Room:
             turned = rotations.add_steps(middles, within.clip(None, 1.0) * steps)
         return self.pull(space, turned)
 
-    def _find_candidates(self, edges: LocalPlanner, start: Endpoint) -> Candidates:
-        """Find free configurations that a path from the start may reach, or if none, others."""
+    def _find_candidates(self, edges: LocalPlanner, start: Endpoint, joined: Ints) -> Candidates:
+        """Find free configurations in components, or if there are none, others."""
         space = edges.cells
-        lengths = _measure_lengths(edges, start, lambda: self.place_in_cells(space))
-        own = self.pull(space, np.vstack([start, self.middle]))
-        rotations = np.vstack([own, self._turn_to_cells(space)])[:, space.dim :]
+        positions = self.find_positions(space)
+        lengths = _measure_lengths(edges, start, positions)
+        turned = np.vstack([self.pull(space, np.array([start])), self._turn_to_cells(space)])
         # In a large room, some positions mostly suffice: the nearest, and some of the others.
         order = np.argsort(lengths, kind="stable")
-        others = order[MAX_NEAR_POSITIONS:]
-        step = -(-len(others) // MAX_NEAR_POSITIONS) or 1
-        few = np.concatenate([order[:MAX_NEAR_POSITIONS], others[::step]])
-        del order, others  # each as large as the room
-        near = Candidates(_take_rows(self.place_in_cells(space), few), lengths[few])
-        joined, apart = self.test_candidates(edges, start, near, rotations)
-        if len(joined.rows) or len(few) == len(lengths):
-            return joined if len(joined.rows) else apart
-        origin = Room("", np.array(start))
-        if len(apart.rows) and not len(find_joined(space, [[origin], [self]], mixed=edges.exact)):
-            return apart
-        tested = [
-            self.test_candidates(edges, start, Candidates(rows, lengths[span]), rotations)
-            for span, rows in _number_rows(self.place_in_cells(space))
-        ]
-        joined, apart = map(_join, zip(*tested, strict=True))
-        return joined if len(joined.rows) else apart
+        step = (len(order) - 1) // MAX_NEAR_POSITIONS or 1
+        few = np.concatenate([order[:MAX_NEAR_POSITIONS], order[MAX_NEAR_POSITIONS::step]])
+        candidates = Candidates(np.empty((0, space.size)), np.empty(0))
+        for labels, numbers in itertools.product((joined, None), (few, np.s_[:])):
+            places = Candidates(positions[numbers], lengths[numbers])
+            candidates = self._choose_free(edges, start, places, turned, labels)
+            if len(candidates.rows):
+                break
+        return candidates
 
-    def test_candidates(
-        self, edges: LocalPlanner, start: Endpoint, positions: Candidates, rotations: Floats
-    ) -> tuple[Candidates, Candidates]:
-        """Choose free configurations that a path may reach, and other ones.
+    def _choose_free(
+        self,
+        edges: LocalPlanner,
+        start: Endpoint,
+        places: Candidates,
+        turned: Floats,
+        labels: Ints | None,
+    ) -> Candidates:
+        """Choose free configurations at positions ``places``, only in some components if given.
 
-        All ``rotations``, shape (n, k), are tested at the positions.
+        See :meth:`list_members`.
         """
         space = edges.cells
-        count = len(positions.rows)
-        joined: list[Candidates] = []
-        others: list[Candidates] = []
-        batch_size = max(MAX_ROWS_PER_BATCH // max(count, 1), 1)
-        for first in range(0, len(rotations), batch_size):
-            batch = rotations[first : first + batch_size]
-            rows = np.tile(positions.rows, (len(batch), 1))
-            rows[:, space.dim :] = np.repeat(batch, count, axis=0)
-            costs = np.tile(positions.costs, len(batch))
-            costs += METRES_PER_RADIAN * _measure_turns(space, start, rows)
-            kept = self.contains(space, rows) & space.grid.contains(rows[:, : space.dim])
+        chosen: list[Candidates] = []
+        for rows, numbers in self.list_members(space, places.rows, turned):
+            kept = np.ones(len(rows), dtype=np.bool_)
+            if labels is not None:
+                kept = np.isin(find_components(space, rows, edges.exact), labels)
             kept[kept] = edges.space.motion_is_free(rows[kept], rows[kept])
-            candidates = Candidates(rows[kept], costs[kept])
-            is_joined = may_join(edges, start, candidates.rows)
-            joined.append(candidates.select(is_joined).spread(space))
-            others.append(candidates.select(~is_joined).spread(space))
-        return _join(joined), _join(others)
+            costs = places.costs[numbers] + METRES_PER_RADIAN * _measure_turns(space, start, rows)
+            chosen.append(Candidates(rows, costs).select(kept).spread(space))
+        return Candidates(*map(np.concatenate, zip(*chosen, strict=True)))
 
     def _make_error(self, space: ConfigurationMap) -> ConfigurationError:
         """Make the error for a room without a free configuration."""
@@ -545,9 +523,8 @@ class Room:
     def _find_nearest_to_free(self, space: ConfigurationMap) -> Endpoint:
         """Return nearly the configuration of the room that is nearest to a FREE cell."""
         best = self.middle
-        count = sum(map(len, self.place_in_cells(space)))
-        some = np.arange(0, count, count // MAX_PLACES_WITHOUT_FREE + 1)
-        positions = _take_rows(self.place_in_cells(space), some)[:, : space.dim]
+        positions = self.find_positions(space)
+        positions = positions[:: len(positions) // MAX_PLACES_WITHOUT_FREE + 1]
         rotations = space.rotations.centers[self.list_rotations(space)]
         rotations = rotations[:: len(rotations) // MAX_PLACES_WITHOUT_FREE + 1]
         for part, few in ((slice(space.dim), positions), (slice(space.dim, None), rotations)):
@@ -562,7 +539,7 @@ class Room:
 class Candidates(NamedTuple):
     """Configurations to which a path may lead."""
 
-    rows: Floats  # (n, size)
+    rows: Floats  # (n, size), or (n, dim) if they are positions
     costs: Floats  # (n,), estimated lengths of paths with weighted rotations, metres
 
     def select(self, index: Ints | Bools) -> Candidates:
@@ -583,47 +560,32 @@ class Candidates(NamedTuple):
         return self.select(np.array(chosen, dtype=np.int64))
 
 
-def _join(parts: Sequence[Candidates]) -> Candidates:
-    """Join candidates."""
-    return Candidates(*map(np.concatenate, zip(*parts, strict=True)))
-
-
 def _find_centers(space: ConfigurationMap, cells: Ints) -> Floats:
     """Return the centers of position cells, shape (n, dim)."""
     return np.asarray(np.array(space.grid.lower) + space.grid.spacing * (cells + 0.5))
 
 
-def find_joined(space: ConfigurationMap, places: Sequence[Sequence[Room]], mixed: bool) -> Floats:
-    """Return a configuration in each component that meets all places.
+def find_joined(space: ConfigurationMap, places: Sequence[Sequence[Room]], mixed: bool) -> Ints:
+    """Return the components of cells that meet all places.
 
-    The shape is (n, size). A component meets a place if it meets any of its rooms. Components
-    consist of FREE cells, and the configurations are proven and of the first place; or with
-    ``mixed`` of FREE and MIXED cells, and they lie in cells that meet the first place. If the
-    result is empty with ``mixed``, no path leads through all places.
+    A component meets a place if it meets any of its rooms: in a proven configuration, if components
+    consist of FREE cells; or with ``mixed``, of FREE and MIXED cells, in any cell. If there is none
+    with ``mixed``, no path leads through all places.
     """
-    met = [_find_components_met(space, rooms, mixed) for rooms in places]
-    components = find_components(space, np.vstack(met), mixed)
-    first, *others = np.split(components, np.cumsum(list(map(len, met)))[:-1])
-    return met[0][np.isin(first, reduce(np.intersect1d, others, first))]
+    return reduce(np.intersect1d, (_find_components_met(space, rooms, mixed) for rooms in places))
 
 
-def _find_components_met(space: ConfigurationMap, rooms: Sequence[Room], mixed: bool) -> Floats:
-    """Return a configuration in each component of cells that meet rooms, shape (n, size)."""
-    rows = [part for room in rooms for part in room.find_components(space, mixed)]
-    return _take_one_each(space, np.concatenate([np.empty((0, space.size)), *rows]), mixed)
-
-
-def _take_one_each(space: ConfigurationMap, rows: Floats, mixed: bool) -> Floats:
-    """Return the first of some configurations in each component of cells."""
-    components, first = np.unique(find_components(space, rows, mixed), return_index=True)
-    return rows[first[components >= 0]]
-
-
-def may_join(edges: LocalPlanner, start: Endpoint, rows: Floats) -> Bools:
-    """Return whether a proven path may lead to rows, (n,)."""
-    if edges.exact:
-        return ~np.asarray(edges.cells.is_disconnected(np.array(start), rows))
-    return np.asarray(edges.cells.is_connected(np.array(start), rows))
+def _find_components_met(space: ConfigurationMap, rooms: Sequence[Room], mixed: bool) -> Ints:
+    """Return the components of cells that meet rooms; all single configurations together."""
+    points = np.array([room.middle for room in rooms if room.is_point]).reshape(-1, space.size)
+    points = wrap_angles(points, space.is_periodic)
+    if not mixed:
+        points = points[space.is_connected(points, points)]
+    wide = [room for room in rooms if not room.is_point]
+    met = [find_components(space, points, mixed)]
+    met += [room.find_components(space, mixed) for room in wide]
+    labels = np.unique(np.concatenate(met))
+    return labels[labels >= 0]
 
 
 def _measure_turns(space: Space, start: Endpoint, rows: Floats) -> Floats:
@@ -632,70 +594,37 @@ def _measure_turns(space: Space, start: Endpoint, rows: Floats) -> Floats:
     return np.asarray(np.linalg.norm(steps[:, space.dim :], axis=1))
 
 
-def _number_rows(batches: Iterable[Floats]) -> Iterator[tuple[slice, Floats]]:
-    """Yield each batch of rows with the numbers of its rows."""
-    begin = 0
-    for rows in batches:
-        yield slice(begin, begin + len(rows)), rows
-        begin += len(rows)
-
-
-def _take_rows(batches: Iterable[Floats], numbers: Ints) -> Floats:
-    """Return rows of batches by their numbers, shape (n, size)."""
-    parts = []
-    order = np.argsort(numbers)
-    for span, rows in _number_rows(batches):
-        first, stop = np.searchsorted(numbers, [span.start, span.stop], sorter=order)
-        parts.append(rows[numbers[order[first:stop]] - span.start])
-    taken = np.concatenate(parts)
-    return taken[np.argsort(order)]
-
-
-def _measure_lengths(
-    edges: LocalPlanner, start: Endpoint, list_batches: Callable[[], Iterable[Floats]]
-) -> Floats:
+def _measure_lengths(edges: LocalPlanner, start: Endpoint, positions: Floats) -> Floats:
     """Estimate the lengths of paths to positions, metres, shape (n,).
 
-    They are those of chains of blocks of cells in which the robot passes at some rotation. The
-    batches of positions are listed twice, so that not all are held.
+    They are those of chains of blocks of cells in which the robot passes at some rotation.
     """
     from planners._searches.guide import Guide, any_direction
 
     space = edges.cells
     dim = space.dim
     origin = np.array(start)[:dim]
-    straight: list[Floats] = []
-    nearest, least = origin, math.inf
-    low, high = np.full(dim, math.inf), np.full(dim, -math.inf)
-    for rows in list_batches():
-        positions = rows[:, :dim]
-        low = np.minimum(low, positions.min(axis=0, initial=math.inf))
-        high = np.maximum(high, positions.max(axis=0, initial=-math.inf))
-        straight.append(np.linalg.norm(positions - origin, axis=1))
-        if straight[-1].min(initial=math.inf) < least:
-            nearest, least = positions[straight[-1].argmin()], straight[-1].min()
-    lengths = np.concatenate(straight)
-    straight.clear()
-    span = (high - low).max()
+    parts = np.array_split(positions, len(positions) // MAX_ROWS_PER_BATCH + 1)
+    lengths = np.concatenate([np.linalg.norm(part - origin, axis=1) for part in parts])
+    span = np.ptp(positions, axis=0).max()
     if span <= MAX_SPAN_WITHOUT_BLOCKS * space.grid.spacing or not isinstance(space, CSpace):
         return lengths
     states = map_record(space).states
-    side = 1 if math.prod(states.shape[1:]) <= MAX_POSITIONS_WITHOUT_BLOCKS else BLOCK_SIDE
     last = np.array(space.grid.shape) - 1
 
-    def find_cells(positions: Floats) -> Ints:
+    def find_cells(rows: Floats) -> Ints:
         """Return the cells of positions as the guide takes them, shape (n, 3)."""
-        cells = np.zeros((len(positions), 3), dtype=np.int64)
-        cells[:, 3 - dim :] = np.clip(space.grid.cell_of(positions), 0, last)
+        cells = np.zeros((len(rows), 3), dtype=np.int64)
+        cells[:, 3 - dim :] = np.clip(space.grid.cell_of(rows), 0, last)
         return cells
 
-    begin, end = map(tuple, find_cells(np.array([origin, nearest])).tolist())
+    begin, end = map(tuple, find_cells(np.array([origin, positions[lengths.argmin()]])).tolist())
     guide = Guide(
         states,
         any_direction(states),
         (0, end),
         (0, begin),
-        side,
+        1 if math.prod(states.shape[1:]) <= MAX_POSITIONS_WITHOUT_BLOCKS else BLOCK_SIDE,
         narrow_cost=0.0,
         weight=NEAREST_FIRST,
         worst_state=edges.worst_state,
@@ -703,15 +632,11 @@ def _measure_lengths(
     # By then, all blocks that are nearer are measured, too.
     with suppress(TimeoutError):  # the caller ends the search
         guide.reach(0, end, NEVER)
-    is_known = np.empty(len(lengths), dtype=np.bool_)
-    far = 0.0
-    for part, rows in _number_rows(list_batches()):
-        measured = space.grid.spacing * guide.measure(find_cells(rows[:, :dim]))
-        is_known[part] = np.isfinite(measured)
-        measured[~is_known[part]] = 0.0
-        far = measured.max(initial=far)
-        lengths[part] = np.maximum(measured, lengths[part])
-    lengths[~is_known] += far
+    measured = np.concatenate([guide.measure(find_cells(part)) for part in parts])
+    measured *= space.grid.spacing
+    is_known = np.isfinite(measured)
+    np.maximum(measured, lengths, out=lengths, where=is_known)
+    lengths[~is_known] += measured.max(where=is_known, initial=0.0)
     return lengths
 
 
@@ -742,13 +667,13 @@ def end_in_rooms(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> Fl
             ways.insert(0, np.vstack([path[: k % (len(path) - 1) + 1], ends[k]]))
             break
     for way in ways:
-        cut = _cut(edges, edges.insert_breakpoints(way), rooms)
+        cut = _end_at_first_room(edges, edges.insert_breakpoints(way), rooms)
         if any(room.contains(space, cut[-1:])[0] for room in rooms) and edges.are_free(cut):
             return cut
     return path
 
 
-def _cut(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> Floats:
+def _end_at_first_room(edges: LocalPlanner, path: Floats, rooms: Sequence[Room]) -> Floats:
     """Cut a path at the first sampled place in a room."""
     space = edges.cells
     step = 2.0 * space.resolution / STEPS_PER_CELL
@@ -788,16 +713,18 @@ def list_rooms(edges: LocalPlanner, places: Sequence[PlaceParts]) -> tuple[Room,
 
 def find_closest(
     edges: LocalPlanner, name: str, places: Sequence[PlaceParts], others: Sequence[Sequence[Room]]
-) -> tuple[list[PlaceParts], list[str]]:
+) -> tuple[Sequence[PlaceParts], list[str]]:
     """Replace alternatives of a place that ask for it by their closest configurations.
 
     FREE cells join these to all ``others``, or if none do, to the first of them, the start. Return
     also their distances in words. Raises ConfigurationError if no alternative is left.
     """
+    texts: list[str] = []
+    if not any(place.is_closest for place in places):
+        return places, texts
     joined = find_joined(edges.cells, others, mixed=False)
     if not len(joined):  # no path leads through FREE cells, as will be told
         joined = find_joined(edges.cells, others[:1], mixed=False)
-    texts: list[str] = []
 
     def choose(place: PlaceParts, _: str) -> list[PlaceParts]:
         """Return a place, or its closest configuration."""
@@ -820,13 +747,17 @@ def find_closest(
 
 
 def list_all_rooms(
-    edges: LocalPlanner, places: Sequence[PlaceParts], found: Sequence[Endpoint]
+    edges: LocalPlanner,
+    places: Sequence[PlaceParts],
+    rooms: tuple[Room, ...],
+    found: Sequence[Endpoint],
 ) -> tuple[Room, ...]:
     """Return the rooms of all configurations of places, free or not.
 
-    Return no rooms if not all configurations can be listed; ``found`` are the free ones.
+    Return no rooms if not all configurations can be listed; ``rooms`` are those of places on a map,
+    and ``found`` the free configurations.
     """
-    if rooms := list_rooms(edges, places):
+    if rooms:
         return rooms if edges.space.has_poses or all(place.is_plain for place in places) else ()
     points = tuple(Room("", np.array(q)) for q in found)
     return points if len(found) == len(places) else ()
@@ -842,78 +773,43 @@ def sort_goals(space: Space, goals: Sequence[Endpoint], start: Endpoint) -> list
 
 def find_room_goals(
     edges: LocalPlanner, rooms: Sequence[Room], name: str, start: Endpoint
-) -> list[Endpoint]:
-    """Find free configurations of rooms, the most promising first.
+) -> tuple[tuple[Room, ...], list[Endpoint]]:
+    """Find the rooms that have free configurations, and some of these from a start.
 
-    Raises ConfigurationError if no configuration of any room is proven free.
+    The most promising of each room come first. Raises ConfigurationError if no configuration of any
+    room is proven free.
     """
-    goals = gather_goals(name, rooms, lambda room, _: room.find_goals(edges, start))
-    space = edges.space
-    rows = turn_near(np.array(goals), np.array(start), space.is_periodic)
-    if not edges.has_heading and len(rooms) == 1:
-        return [tuple(q) for q in rows.tolist()]
-    if not edges.has_heading and all(room.is_point for room in rooms):
-        costs = edges.edge_lengths(np.broadcast_to(start, rows.shape), rows)
-    else:
-        costs = METRES_PER_RADIAN * _measure_turns(space, start, rows)
-        costs += _measure_lengths(edges, start, lambda: [rows])
-    costs = np.maximum(costs, edges.curve_lengths(np.broadcast_to(start, rows.shape), rows))
-    return [tuple(q) for q in rows[np.argsort(costs, kind="stable")].tolist()]
+    found = gather_goals(name, rooms, lambda room, _: [(room, room.find_goals(edges, start))])
+    usable, goals = zip(*found, strict=True)
+    rows = turn_near(np.concatenate(goals), np.array(start), edges.space.is_periodic)
+    return usable, [tuple(q) for q in rows.tolist()]
 
 
 def find_routes(
-    edges: LocalPlanner, starts: Sequence[Room], goals: Sequence[Room], name: str
+    edges: LocalPlanner, starts: Sequence[Room], goals: Sequence[Room], joined: Iterable[int] = ()
 ) -> list[Endpoints]:
-    """Find pairs of free configurations of rooms, the most promising first.
+    """Find pairs of free configurations of rooms, between wide ones in each component ``joined``.
 
-    ``name`` names the goals. Raises ConfigurationError if no start, or no goal, is proven free.
+    Raises ConfigurationError if no start is proven free.
     """
-    middle = tuple(starts[0].middle.tolist())
-
-    def keep_usable(goal: Room, _: str) -> list[Room]:
-        """Return a room with a free configuration, or raise ConfigurationError."""
-        return [goal] if goal.find_goals(edges, middle) else []
-
-    usable = gather_goals(name, goals, keep_usable)
+    parts: list[Ints | None] = [np.array([label]) for label in joined] or [None]
 
     def find_from(start: Room, _: str) -> list[Endpoints]:
         """Return pairs of a configuration of one room and a goal."""
-        pairs = [pair for goal in usable for pair in _pair_rooms(edges, start, goal)]
-        return [
-            (q, tuple(turn_near(np.array(goal), np.array(q), edges.space.is_periodic).tolist()))
-            for q, goal in pairs
-        ]
+        pairs: list[Endpoints] = []
+        middle = tuple(start.middle.tolist())
+        for goal in goals:
+            for part in [None] if start.is_point or goal.is_point else parts:
+                ends = goal.find_goals(edges, middle, part)
+                begins = [middle] if start.is_point else start.find_goals(edges, ends[0], part)
+                pairs += itertools.product(begins, ends)
+        return pairs
 
-    routes = list(dict.fromkeys(gather_goals("start", starts, find_from)))
-    if not edges.has_heading and all(room.is_point for room in (*starts, *usable)):
-        return routes  # searched by their bounds
-    return sorted(routes, key=lambda route: _estimate_length(edges, *np.array(route)))
-
-
-def _estimate_length(edges: LocalPlanner, start: Floats, goal: Floats) -> float:
-    """Estimate the length of a path, with weighted rotations."""
-    curve = edges.curve_lengths(start[np.newaxis], goal[np.newaxis])[0]
-    return max(edges.min_length(start, goal), float(curve))
-
-
-def _pair_rooms(edges: LocalPlanner, start: Room, goal: Room) -> list[Endpoints]:
-    """Return pairs of free configurations in two rooms.
-
-    Each component that meets both rooms has some.
-    """
-    if start.is_point:
-        (q,) = start.find_goals(edges, tuple(start.middle.tolist()))
-        return [(q, end) for end in goal.find_goals(edges, q)]
-    if goal.is_point:
-        (q,) = goal.find_goals(edges, tuple(goal.middle.tolist()))
-        return [(begin, q) for begin in start.find_goals(edges, q)]
-    space = edges.cells
-    joined = find_joined(space, [[start], [goal]], mixed=edges.exact)
-    pairs: list[Endpoints] = []
-    for q in joined if len(joined) else start.middle[np.newaxis]:
-        ends = goal.find_goals(edges, tuple(q.tolist()))
-        pairs += itertools.product(start.find_goals(edges, ends[0]), ends)
-    return pairs
+    is_periodic = edges.space.is_periodic
+    return [
+        (q, tuple(turn_near(np.array(goal), np.array(q), is_periodic).tolist()))
+        for q, goal in dict.fromkeys(gather_goals("start", starts, find_from))
+    ]
 
 
 class PlaceParts(NamedTuple):

@@ -5,18 +5,19 @@ from __future__ import annotations
 import heapq
 import math
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.inside import Effort, Endpoint, Floats
+from cspace.inside import Effort, Endpoint, Floats, find_components
 from planners._edges.local_planner import Endpoints, LocalPlanner
 from planners._goals import (
     Room,
     begin_in_rooms,
     end_in_rooms,
+    find_room_goals,
     find_routes,
     sort_goals,
 )
@@ -55,12 +56,8 @@ class Journey(NamedTuple):
 
 def search_stages(task: PlanTask, stages: Sequence[Stage]) -> Journey:
     """Search for a path from stage to stage."""
-    edges = task.edges
-    origin, first, *rest = stages
-    routes = _find_routes(edges, origin, first, is_first=True)
-    existence = Existence(edges, stages, routes)
-    if rest and origin.rooms and len(routes) > 1:
-        routes = existence.select_routes() or routes
+    existence = Existence(task.edges, stages)
+    routes = _find_first_routes(existence)
     legs, searched = _find_legs(task, existence, routes)
     result, vias = _join_legs(legs, searched)
     limit = legs[-1].task.limit + (result.planning - legs[-1].result.planning)
@@ -123,9 +120,8 @@ def _find_legs(
             end = tuple(leg.result.path[-1].tolist())
             if (number, end) not in tried:
                 tried.add((number, end))
-                origin = Stage.of(stages[number].name, [end])
-                starts = origin.rooms
-                routes = _find_routes(task.edges, origin, stages[number + 1])
+                starts = Stage.of(stages[number].name, [end]).rooms
+                routes = _find_routes(task.edges, end, stages[number + 1])
                 continue
         best = tip if is_last_try else max(best, tip, key=len)
         if is_last_try or not (existence.may_join and measure_left(task, searched).is_left):
@@ -181,23 +177,34 @@ def _leave_out(routes: Sequence[Endpoints], goal: Endpoint) -> list[Endpoints]:
     return [route for route in kept if len(route) > 1]
 
 
-def _find_routes(
-    edges: LocalPlanner, origin: Stage, stage: Stage, is_first: bool = False
-) -> list[Endpoints]:
-    """Find routes between two stages, the most promising first."""
+def _find_routes(edges: LocalPlanner, start: Endpoint, stage: Stage) -> list[Endpoints]:
+    """Find routes from a configuration to a stage, the most promising first."""
+    if not stage.rooms:
+        return [(start, *sort_goals(edges.space, stage.goals, start))]
+    _, goals = find_room_goals(edges, stage.rooms, stage.name, start)
+    return [(start, goal) for goal in goals]
+
+
+def _find_first_routes(existence: Existence) -> list[Endpoints]:
+    """Find routes between the first two stages, the most promising first."""
+    edges = existence.edges
+    origin, stage, *others = existence.stages
     starts = origin.rooms
-    if starts and not (len(starts) == 1 and starts[0].is_point):
-        goals = stage.rooms or [Room(stage.name, np.array(q)) for q in stage.goals]
-        return find_routes(edges, starts, goals, stage.name)
-    if stage.rooms:
-        (start,) = origin.goals
-        # The stage's goals were found from the first start.
-        ends = stage.goals if is_first else stage.find_goals(edges, start)
-        return [(start, goal) for goal in ends]
-    routes = [(start, *sort_goals(edges.space, stage.goals, start)) for start in origin.goals]
-    if len(routes) == 1:
-        return routes
-    return sorted(routes, key=lambda route: edges.min_length(*np.array(route[:2])))
+    is_wide = not all(room.is_point for room in starts)
+    if len(origin.goals) == 1 and not is_wide and stage.rooms:
+        # The goals were found from this start.
+        return [(*origin.goals, goal) for goal in stage.goals]
+    if not starts or (len(starts) == 1 and not is_wide):
+        routes = [_find_routes(edges, q, stage)[0] for q in origin.goals]
+        return sorted(routes, key=lambda route: edges.min_length(*np.array(route[:2])))
+    if not (others or (is_wide and stage.rooms)):
+        return find_routes(edges, starts, stage.choices)
+    joined = existence.find_joined()
+    routes = find_routes(edges, starts, stage.choices, joined)
+    begins = np.array([route[0] for route in routes])
+    labels = find_components(edges.cells, begins, edges.exact)
+    kept = [route for route, label in zip(routes, labels, strict=True) if label in joined]
+    return kept or routes
 
 
 def _join_legs(
@@ -230,51 +237,48 @@ def search_goals(task: PlanTask, onward: Sequence[Endpoint] = ()) -> SearchResul
     """
     if len(task.routes) == 1 and not task.rooms and all(room.is_point for room in task.starts):
         return _search_route(task, task.routes[0], task.limit)
+    edges = task.edges
     results: list[SearchResult] = []
-    best = RoutedPath(SearchResult(np.empty((0, task.edges.space.size))), math.inf, math.inf)
-
-    def find_least_cost() -> float:
-        return best.cost
-
-    for number, (least, route) in enumerate(_list_routes(task, onward, find_least_cost)):
+    best = RoutedPath(SearchResult(np.empty((0, edges.space.size))), math.inf, math.inf)
+    waiting = _list_routes(task, onward)
+    while waiting and measure_left(task, results).is_left:
+        key, number, least = heapq.heappop(waiting)
+        route = task.routes[number]
+        if least is None:
+            bound = _bound_route(edges, route, onward) if key < best.cost else math.inf
+            if bound < best.cost:
+                heapq.heappush(waiting, (bound, number, bound))
+            continue
         if best.result.proven and not _may_cost_less(task, route, least, best, onward):
             continue
-        if not measure_left(task, results).is_left:
-            break
-        is_last = number == len(task.routes) - 1
-        found = _search_route(task, route, _limit_route(task, results, best.result, is_last))
+        found = _search_route(task, route, _limit_route(task, results, best.result, not waiting))
         results.append(found)
-        cost = _measure_way(task.edges, found.path, onward) if found.proven else math.inf
+        cost = _measure_way(edges, found.path, onward) if found.proven else math.inf
         if cost < best.cost or not (found.proven or len(best.result.path)):
             best = RoutedPath(found, cost, least)
     return sum_times(best.result, results) if results else best.result
 
 
 def _list_routes(
-    task: PlanTask, onward: Sequence[Endpoint], find_least_cost: Callable[[], float]
-) -> Iterator[tuple[float, Endpoints]]:
-    """Yield routes with lower bounds of their costs.
+    task: PlanTask, onward: Sequence[Endpoint]
+) -> list[tuple[float, int, float | None]]:
+    """List a heap of routes by their order, with their numbers and lower bounds of their costs.
 
-    Routes between points come by their bounds, up to the least cost found; a bound takes a search
-    of its own, so only the nearest routes get theirs.
+    A bound takes a search of its own, so between points it is left out at first, and the order is
+    that of straight lengths.
     """
     edges = task.edges
-    are_points = all(room.is_point for room in (*task.starts, *task.rooms))
-    if onward or edges.has_heading or not are_points:
-        for route in task.routes:
-            yield _bound_route(edges, route, onward), route
-        return
-    waiting = [
-        (_measure_straight(edges, route), number, False) for number, route in enumerate(task.routes)
-    ]
-    heapq.heapify(waiting)
-    while waiting and waiting[0][0] < find_least_cost():
-        least, number, is_bound = heapq.heappop(waiting)
-        route = task.routes[number]
-        if is_bound:
-            yield least, route
-        else:
-            heapq.heappush(waiting, (_bound_route(edges, route, onward), number, True))
+    rooms = (*task.starts, *task.rooms)
+    if not (onward or edges.has_heading) and all(room.is_point for room in rooms):
+        straight = [_measure_onward(edges, np.array(start), goals) for start, *goals in task.routes]
+        return sorted((key, number, None) for number, key in enumerate(straight))
+    bounds = [_bound_route(edges, route, onward) for route in task.routes]
+    is_ordered = len(task.starts) <= 1 and all(room.is_point for room in task.starts)
+    if is_ordered and len(task.rooms) <= 1:
+        return [(number, number, bound) for number, bound in enumerate(bounds)]
+    curves = [_bound_curve(edges, route) for route in task.routes]
+    keys = map(max, bounds, curves)
+    return sorted(zip(keys, range(len(bounds)), bounds, strict=True))
 
 
 class RoutedPath(NamedTuple):
@@ -303,19 +307,18 @@ def _may_cost_less(
     return not (is_told and _joins_same_rooms(task, route, best.result.path))
 
 
-def _measure_straight(edges: LocalPlanner, route: Endpoints) -> float:
-    """Measure the shortest edge from a route's start to its goals, whatever is in its way."""
-    start, *goals = np.array(route)
-    ends = np.array(goals)
-    return float(edges.edge_lengths(np.broadcast_to(start, ends.shape), ends).min())
-
-
 def _bound_route(edges: LocalPlanner, route: Endpoints, onward: Sequence[Endpoint]) -> float:
     """Bound the length along a route and onward from below."""
     start, *goals = np.array(route)
     return min(
         edges.min_length(start, goal) + _measure_onward(edges, goal, onward) for goal in goals
     )
+
+
+def _bound_curve(edges: LocalPlanner, route: Endpoints) -> float:
+    """Bound the length along a drive's curves from below, without obstacles."""
+    start, goal = np.array(route)[:, np.newaxis]
+    return float(edges.curve_lengths(start, goal)[0])
 
 
 def _limit_route(

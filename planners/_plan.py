@@ -266,7 +266,7 @@ def plan(
 
             set_seed(task.seed)
     with Effort.stopping(stop):
-        journey = search_stages(task, [origin, *stages])
+        journey = search_stages(task, stages)
         return _make_plan(journey, space, moved, texts, began)
 
 
@@ -417,7 +417,7 @@ def _check_start(task: PlanTask, places: Sequence[PlaceParts]) -> tuple[Stage, d
 
     rooms = gather_goals("start", places, find_rooms)
     goals = [tuple(room.middle.tolist()) for room in rooms]
-    whole = list_all_rooms(edges, places, goals)
+    whole = list_all_rooms(edges, places, list_rooms(edges, places), goals)
     return Stage("start", goals, tuple(rooms) if edges.has_cells else (), whole), moved
 
 
@@ -439,51 +439,33 @@ def _move_start(edges: LocalPlanner, place: PlaceParts) -> tuple[Endpoint, str]:
 def _check_stages(
     task: PlanTask, places: Sequence[tuple[str, PlaceLike]], origin: Stage
 ) -> tuple[list[Stage], list[str]]:
-    """Check places; return them, and how far the closest configurations are from them.
+    """Check places after the start; return the stages, and how far closest ends are from places.
 
     Raises InputError or ConfigurationError if a place is unusable.
-    """
-    edges = task.edges
-    given = [split_places(edges.space, place, name) for name, place in places]
-    wholes = [list_rooms(edges, parts) for parts in given]
-    stages: list[Stage] = []
-    texts: list[str] = []
-    for k, ((name, place), parts) in enumerate(zip(places, given, strict=True)):
-        chosen = parts
-        if any(each.is_closest for each in parts):
-            others = [origin.rooms, *wholes[:k], *wholes[k + 1 :]]
-            chosen, told = find_closest(edges, name, parts, others)
-            texts += told
-            wholes[k] = list_rooms(edges, chosen)
-            place = [cast("PlaceLike", each.configuration) for each in chosen]
-        stages.append(_check_stage(task, name, place, parts, chosen, origin))
-    return stages, texts
-
-
-def _check_stage(
-    task: PlanTask,
-    name: str,
-    place: PlaceLike,
-    given: Sequence[PlaceParts],
-    places: Sequence[PlaceParts],
-    origin: Stage,
-) -> Stage:
-    """Check a place; return it.
-
-    Raises InputError or ConfigurationError if the place is unusable.
     """
     edges = task.edges
     space = edges.space
     start = origin.goals[0]
     position, rotation = start[: space.dim], start[space.dim :]
     near = (*np.clip(position, *space.bounds).tolist(), *rotation)
-    rooms = () if len(places) == 1 and places[0].is_plain else list_rooms(edges, places)
-    if rooms:
-        goals = find_room_goals(edges, rooms, name, near)
-    else:
-        options = {} if name == "goal" else {"name": name}
-        goals = sort_goals(space, space.find_goals(place, near, task.seed, **options), near)
-    return Stage(name, goals, rooms, list_all_rooms(edges, given, goals))
+    given = [split_places(space, place, name) for name, place in places]
+    wholes = [origin.rooms, *(list_rooms(edges, parts) for parts in given)]
+    stages = [origin]
+    texts: list[str] = []
+    for k, ((name, place), parts) in enumerate(zip(places, given, strict=True), 1):
+        rooms = whole = wholes[k]
+        chosen, told = find_closest(edges, name, parts, [*wholes[:k], *wholes[k + 1 :]])
+        if chosen is not parts:
+            texts += told
+            rooms = wholes[k] = list_rooms(edges, chosen)
+            place = [cast("PlaceLike", each.configuration) for each in chosen]
+        if rooms and not (len(chosen) == 1 and chosen[0].is_plain):
+            rooms, goals = find_room_goals(edges, rooms, name, near)
+        else:
+            rooms, options = (), {} if name == "goal" else {"name": name}
+            goals = sort_goals(space, space.find_goals(place, near, task.seed, **options), near)
+        stages.append(Stage(name, goals, rooms, list_all_rooms(edges, parts, whole, goals)))
+    return stages, texts
 
 
 def _choose_planner(edges: LocalPlanner, objective: Objective, iterations: int | None) -> Planner:

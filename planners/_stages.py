@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cspace.inside import NEVER, Endpoint, Floats, is_labelled, is_over
+from cspace.inside import NEVER, Endpoint, Floats, Ints, is_labelled, is_over
 from planners._edges.local_planner import Endpoints, LocalPlanner
-from planners._goals import Room, find_joined, find_room_goals, may_join
+from planners._goals import Room, find_joined
 
 
 class Stage(NamedTuple):
@@ -29,9 +29,10 @@ class Stage(NamedTuple):
         rooms = tuple(Room(name, np.array(q)) for q in goals)
         return cls(name, goals, rooms, rooms)
 
-    def find_goals(self, edges: LocalPlanner, start: Endpoint) -> Sequence[Endpoint]:
-        """Find free configurations, the most promising first."""
-        return find_room_goals(edges, self.rooms, self.name, start) if self.rooms else self.goals
+    @property
+    def choices(self) -> Sequence[Room]:
+        """The rooms of which a path may take any configuration."""
+        return self.rooms or [Room(self.name, np.array(q)) for q in self.goals]
 
     def takes_any_yaw(self, edges: LocalPlanner, q: Floats) -> bool:
         """Return True if a configuration lies in a room of any yaw."""
@@ -52,26 +53,24 @@ class Stage(NamedTuple):
 class Existence:
     """Proofs that a path leads through stages in order, or that none does.
 
-    The path passes one configuration of each stage. Both answers may be False; each is computed at
-    its first use. Both are False if the caller ended the search before the map was labelled.
+    The path passes one configuration of each stage, and all are asked together. Both answers may be
+    False; each is computed at its first use. Both are False if the caller ended the search before
+    the map was labelled.
 
     Attributes
     ----------
     edges : LocalPlanner
     stages : sequence of Stage
         At least two.
-    routes : sequence of Endpoints
-        Free configurations of the first stage, each with some of the second.
     """
 
     edges: LocalPlanner
     stages: Sequence[Stage]
-    routes: Sequence[Endpoints]
 
     @classmethod
     def along(cls, edges: LocalPlanner, route: Endpoints) -> Existence:
         """Make the existence of a path along a route."""
-        return cls(edges, (Stage.of("", route[:1]), Stage.of("", route[1:])), [route])
+        return cls(edges, (Stage.of("", route[:1]), Stage.of("", route[1:])))
 
     def upto(self, count: int) -> Existence:
         """Return the existence for the first ``count`` stages."""
@@ -80,32 +79,13 @@ class Existence:
     @cached_property
     def is_connected(self) -> bool:
         """Whether cells or space prove a path of a holonomic robot."""
-        vain: list[Endpoint] = []  # dead ends
-        for start, *goals in self.routes if self._can_ask else ():
-            reached = self._join([start], goals)
-            if reached and not self._join(vain, reached):
-                if self._leads_on(reached):
-                    return True
-                vain.append(reached[0])
-        return False
+        return self._can_ask and self._leads_through([stage.choices for stage in self.stages], True)
 
     @cached_property
     def is_disconnected(self) -> bool:
         """Whether cells, or the space, prove that there is no path."""
         listed = [stage.whole for stage in self.stages if stage.whole]
-        if not self._can_ask or len(listed) < 2:
-            return False
-        if self.edges.has_cells:
-            return not len(find_joined(self.edges.cells, listed, mixed=True))
-        exists = self.edges.space.path_exists
-        reached, *others = listed
-        for rooms in others:
-            reached = tuple(
-                room
-                for room in rooms
-                if any(exists(q.middle, room.middle) is not False for q in reached)
-            )
-        return not reached
+        return self._can_ask and len(listed) > 1 and not self._leads_through(listed, False)
 
     @cached_property
     def may_join(self) -> bool:
@@ -121,31 +101,27 @@ class Existence:
         """
         return not self.is_disconnected if self.edges.exact else self.is_connected
 
-    def select_routes(self) -> list[Endpoints]:
-        """Select routes whose starts may lead through all stages.
-
-        Cells of the map decide.
-        """
-        rooms = [stage.whole for stage in self.stages if stage.whole]
-        joined = find_joined(self.edges.cells, rooms, mixed=self.edges.exact)
-        return [route for route in self.routes if may_join(self.edges, route[0], joined).any()]
+    def find_joined(self) -> Ints:
+        """Return the components of cells that a path through all stages may take."""
+        places = [stage.choices for stage in self.stages]
+        return find_joined(self.edges.cells, places, mixed=self.edges.exact)
 
     @property
     def _can_ask(self) -> bool:
         """Whether the map is labelled, or the search may go on."""
         return not is_over(NEVER) or is_labelled(self.edges.space)
 
-    def _leads_on(self, reached: Sequence[Endpoint]) -> bool:
-        """Return True if a path is proven to the last stage.
-
-        ``reached`` are configurations of the second stage.
-        """
-        for stage in self.stages[2:]:
-            if reached:
-                reached = self._join(reached, stage.find_goals(self.edges, reached[0]))
-        return bool(reached)
-
-    def _join(self, starts: Sequence[Endpoint], goals: Sequence[Endpoint]) -> list[Endpoint]:
-        """Return goals with a proven path from any start."""
+    def _leads_through(self, places: Sequence[Sequence[Room]], is_proof: bool) -> bool:
+        """Return whether a path is proven through rooms, or if it is no proof, may exist."""
+        if self.edges.has_cells:
+            return len(find_joined(self.edges.cells, places, mixed=not is_proof)) > 0
         exists = self.edges.space.path_exists
-        return [goal for goal in goals if any(exists(start, goal) for start in starts)]
+        answers = (True,) if is_proof else (True, None)
+        reached, *others = places
+        for rooms in others:
+            reached = [
+                room
+                for room in rooms
+                if any(exists(q.middle, room.middle) in answers for q in reached)
+            ]
+        return bool(reached)
