@@ -172,10 +172,11 @@ def find_summary(module: str, name: str) -> str:
         if is_defined and statement.name == name:
             return str(ast.get_docstring(statement)).partition("\n")[0]
         if isinstance(statement, ast.Assign | ast.AnnAssign):
-            after = statements[number + 1]
-            is_named = ast.unparse(statement).startswith((f"{name}:", f"{name} ="))
-            if is_named and isinstance(after, ast.Expr):
-                return str(ast.literal_eval(after.value)).partition("\n")[0]
+            target = ast.unparse(statement).partition("=")[0].partition(":")[0]
+            # Constants that follow each other share the docstring after the last one.
+            docstrings = [one.value for one in statements[number:] if isinstance(one, ast.Expr)]
+            if docstrings and name in re.findall(r"\w+", target):
+                return str(ast.literal_eval(docstrings[0])).partition("\n")[0]
     raise LookupError(f"{module}.{name} has no docstring")
 
 

@@ -466,13 +466,13 @@ MUTANTS = (
         "tests/bodies/test_triangles.py",
     ),
     Mutant(
-        "cspace/arms/_proofs/crossings.py",
+        "cspace/_bodies/crossings.py",
         "        and _side_of_plane(p, (q, b[2], b[0]), tolerance) == turn\n",
         "",
-        "tests/arms/test_crossings.py",
+        "tests/bodies/test_crossings.py",
     ),
     Mutant(
-        "cspace/arms/_proofs/hulls.py",
+        "cspace/_bodies/hulls.py",
         "slack = math.sqrt(squared_distance) - ball_radius - motion.required - speed",
         "slack = math.sqrt(squared_distance) - ball_radius - motion.required",
         "tests/arms/test_hulls.py",
@@ -558,13 +558,13 @@ MUTANTS = (
     ),
     # Arms.
     Mutant(
-        "cspace/arms/_proofs/cones.py",
+        "cspace/_bodies/cones.py",
         "speed + 0.5 * half * turn * turn",
         "speed + 0.1 * half * turn * turn",
         "tests/arms/test_upright.py",
     ),
     Mutant(
-        "cspace/arms/_proofs/cones.py",
+        "cspace/_bodies/cones.py",
         "min(turn, speed + ",
         "min(0.5 * turn, speed + ",
         "tests/arms/test_upright.py",
@@ -582,19 +582,19 @@ MUTANTS = (
         "tests/arms/test_upright.py",
     ),
     Mutant(
-        "cspace/arms/_proofs/chain.py",
+        "cspace/_bodies/chain.py",
         "rate = chain.factors[b] * motion",
         "rate = motion",
         "tests/arms/test_space.py",
     ),
     Mutant(
-        "cspace/arms/_proofs/chain.py",
+        "cspace/_bodies/chain.py",
         "curvature += (0.5 * rate + rotation) * travel",
         "curvature += 0.5 * rate * travel",
         "tests/arms/test_space.py",
     ),
     Mutant(
-        "cspace/arms/_proofs/scenes.py",
+        "cspace/_bodies/scenes.py",
         "levers=np.linalg.norm(np.abs(boxes[:, :3]) + boxes[:, 3:6], axis=1)",
         "levers=np.linalg.norm(boxes[:, 3:6], axis=1)",
         "tests/arms/test_space.py",
@@ -612,7 +612,7 @@ MUTANTS = (
         "tests/arms/test_living.py",
     ),
     Mutant(
-        "cspace/arms/_proofs/hulls.py",
+        "cspace/_bodies/hulls.py",
         "away = joint_displacement(axes, center, ball_radius + limit)",
         "away = 0.0",
         "tests/arms/test_joint_map.py",

@@ -14,7 +14,7 @@ Two kinds of geometric functions are separate, because proofs use them in differ
   for that: rasters by
   ``2^-20 + 2^-34 L`` (:mod:`cspace._raster.triangles`), decompositions by
   :data:`cspace.spectral._regions.NORMAL_ROUNDING`, arms by ``required`` of
-  :func:`cspace.arms._proofs.scenes.make_inner_scene` for BLOCKED.
+  :func:`cspace._bodies.scenes.make_inner_scene` for BLOCKED.
 """
 
 from __future__ import annotations

@@ -11,6 +11,6 @@ from ._moveit import read_moveit_request as read_moveit_request
 from ._moveit import read_moveit_scene as read_moveit_scene
 from ._paths.lines import LineMotion as LineMotion
 from ._penetration import ArmPenetration as ArmPenetration
-from ._proofs.solids import PosedShape as PosedShape
+from ._posed_shapes import PosedShape as PosedShape
 from ._snapshots import Contact as Contact
 from ._sphere_models import SphereModel as SphereModel

@@ -41,13 +41,7 @@ from cspace.arms._paths.lines import (
     make_lines,
 )
 from cspace.arms._paths.two_trees import PathSearch
-from cspace.arms._proofs.motion_proofs import make_scene_scratch, motion_is_free
-from cspace.arms._proofs.solids import (
-    PosedShape,
-    named_obstacles,
-    place_obstacle,
-    place_shape,
-)
+from cspace.arms._posed_shapes import PosedShape, named_obstacles, place_obstacle, place_shape
 from cspace.arms._snapshots import Contact, Snapshot, make_snapshot
 from cspace.errors import ConfigurationError, InputError
 from cspace.inside import (
@@ -68,6 +62,8 @@ from cspace.inside import (
     check_not_negative,
     check_rng,
     check_text,
+    make_scene_scratch,
+    motion_is_free,
     names_options,
     show_png,
     turn_near,

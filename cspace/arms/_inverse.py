@@ -24,25 +24,23 @@ from numpy.typing import ArrayLike
 
 from cspace import Goal
 from cspace.arms._checks import check_rigid
-from cspace.arms._proofs.chain import (
-    POSITION,
-    REVOLUTE,
-    Chain,
-    column_at,
-    forward_kinematics,
-    rotation_rows,
-)
 from cspace.errors import InputError
 from cspace.inside import (
+    POSITION,
+    REVOLUTE,
     Bools,
+    Chain,
     Floats,
     Ints,
     as_contiguous,
     check_real,
     check_text,
+    column_at,
+    forward_kinematics,
     frozen,
     internal,
     kernel,
+    rotation_rows,
     suggest_radians,
     vectors,
 )

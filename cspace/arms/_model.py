@@ -17,26 +17,25 @@ from numpy.typing import ArrayLike
 
 from cspace.arms._checks import check_mapping, check_names, check_rigid
 from cspace.arms._inverse import DEFAULT_TOLERANCE, Branch, PoseGoal, branch_to, solve_pose
-from cspace.arms._proofs.chain import (
+from cspace.arms._link_speeds import bound_speeds
+from cspace.arms._reading.moveit_messages import read_joint_state
+from cspace.errors import ConfigurationError, InputError
+from cspace.inside import (
     FIXED,
     MAX_BODIES,
     PRISMATIC,
     REVOLUTE,
-    Chain,
-    Frame,
-    compute_poses,
-)
-from cspace.arms._proofs.link_speeds import bound_speeds
-from cspace.arms._proofs.motion_proofs import ArmScene, are_free
-from cspace.arms._proofs.scenes import PackedParts, make_scene, pack_parts
-from cspace.arms._proofs.solids import Part, Solid
-from cspace.arms._reading.moveit_messages import read_joint_state
-from cspace.errors import ConfigurationError, InputError
-from cspace.inside import (
+    ArmScene,
     Bools,
+    Chain,
     Floats,
+    Frame,
     Ledger,
+    PackedParts,
+    Part,
     ShapeLike,
+    Solid,
+    are_free,
     as_shape,
     check_count,
     check_finite,
@@ -44,8 +43,11 @@ from cspace.inside import (
     check_points,
     check_text,
     check_word,
+    compute_poses,
     frozen,
+    make_scene,
     names_options,
+    pack_parts,
     tell_apart,
     warn_of_large,
     warn_of_size,

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from cspace.arms._checks import check_distinct, check_rigid
 from cspace.arms._inverse import PoseGoal
 from cspace.arms._model import LIMIT_SLACK, Arm, JointValues, Names, sort_pair
-from cspace.arms._proofs.solids import PosedShape
+from cspace.arms._posed_shapes import PosedShape
 from cspace.arms._reading.moveit_messages import (
     FIELDS,
     HEADER,

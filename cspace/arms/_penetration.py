@@ -10,9 +10,8 @@ from numpy.typing import ArrayLike
 
 from cspace.arms._checks import check_mapping
 from cspace.arms._model import Arm
-from cspace.arms._proofs.chain import REVOLUTE, compute_poses
 from cspace.errors import InputError
-from cspace.inside import Floats
+from cspace.inside import REVOLUTE, Floats, compute_poses
 
 if TYPE_CHECKING:
     from cspace.spectral import BallsLike, Bump

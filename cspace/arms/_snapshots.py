@@ -16,38 +16,38 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cspace.arms._inner_balls import InnerBalls, find_inner_balls
 from cspace.arms._model import CONTACT_SAMPLES, Arm, Names, always_touch, sort_pair
-from cspace.arms._proofs.addresses import Address
-from cspace.arms._proofs.chain import (
+from cspace.arms._posed_shapes import PosedShape
+from cspace.errors import ConfigurationError
+from cspace.inside import (
     ADVANCE_FACTOR,
     DISTANCE_ROUNDING,
     FIXED,
     REVOLUTE,
-    compute_poses,
-)
-from cspace.arms._proofs.cones import Cones, move_into_cones
-from cspace.arms._proofs.hulls import node_corners
-from cspace.arms._proofs.inner_balls import InnerBalls, find_inner_balls
-from cspace.arms._proofs.motion_proofs import (
+    Address,
     ArmScene,
-    are_blocked,
-    bound_distances,
-    count_free_motions,
-    find_proof,
-    make_scene_scratch,
-    motions_are_free,
-)
-from cspace.arms._proofs.scenes import make_inner_scene, make_scene
-from cspace.arms._proofs.solids import PosedShape, Solid, StaticShape
-from cspace.errors import ConfigurationError
-from cspace.inside import (
     Bools,
+    Cones,
     Floats,
     Ints,
+    Solid,
+    StaticShape,
     Upright,
+    are_blocked,
     as_contiguous,
+    bound_distances,
     box_trees,
     check_known,
+    compute_poses,
+    count_free_motions,
+    find_proof,
+    make_inner_scene,
+    make_scene,
+    make_scene_scratch,
+    motions_are_free,
+    move_into_cones,
+    node_corners,
     run_in_chunks,
 )
 

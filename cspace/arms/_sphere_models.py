@@ -33,7 +33,7 @@ from cspace.inside import (
 )
 
 if TYPE_CHECKING:
-    from cspace.arms._proofs.solids import Solid
+    from cspace.inside import Solid
     from cspace.spectral import BallDecomposition
 
 

@@ -6,7 +6,7 @@ import trimesh
 
 import cspace
 from cspace import Robot
-from cspace.arms._proofs.chain import motion_bounds
+from cspace._bodies.chain import motion_bounds
 from tests.helpers.strategies import few
 from tests.helpers.urdfs import (
     joint,

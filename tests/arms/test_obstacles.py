@@ -9,10 +9,10 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from cspace import BLOCKED, FREE, MIXED, Grid, Robot, Workspace
+from cspace._bodies.solids import Part
 from cspace._shapes import Voxels
 from cspace._shapes.mesh import Mesh
 from cspace.arms import Arm, PosedShape, build_arm_space
-from cspace.arms._proofs.solids import Part
 from cspace.errors import ConfigurationError, InputError, UnitWarning
 from tests.helpers.arm_oracle import ArmOracle, sample_configurations
 from tests.helpers.solids import ball, box

@@ -486,6 +486,6 @@ def arm_of(space):
 
 
 def _is_sliding(kind):
-    from cspace.arms._proofs.chain import PRISMATIC
+    from cspace._bodies.chain import PRISMATIC
 
     return kind == PRISMATIC

@@ -1,7 +1,7 @@
 """Proofs about boxes of configurations, in which each joint varies within an interval.
 
 *FREE.* A box is a tube: the motion of one joint through its interval, from which the other joints
-deviate by at most half of theirs; see :func:`cspace.arms._proofs.motion_proofs.motion_is_free`.
+deviate by at most half of theirs; see :func:`cspace._bodies.motion_proofs.motion_is_free`.
 
 *BLOCKED.* A ball inside one solid moves by at most :func:`joint_displacement`. If the ball is
 shrunk by the bound, the remaining ball, where it is, lies in the solid at every configuration of
@@ -22,28 +22,41 @@ from itertools import product
 import numpy as np
 
 from cspace import BLOCKED, FREE, MIXED, Grid
-from cspace.arms._proofs.addresses import Address, call
-from cspace.arms._proofs.chain import forward_kinematics, relative_pose
-from cspace.arms._proofs.crossings import CENTER, HALF_SIDES, joint_displacement, piece_depth
-from cspace.arms._proofs.inner_balls import InnerBalls
-from cspace.arms._proofs.motion_proofs import (
+from cspace.arms._inner_balls import InnerBalls
+from cspace.arms._snapshots import Snapshot
+from cspace.inside import (
+    CENTER,
     FIRST_PART,
     FIRST_SURFACE,
+    HALF_SIDES,
     NO_MOTION,
     PIECE_STACK,
+    SLACK,
+    Address,
     ArmScene,
+    Bools,
+    Floats,
+    Ints,
+    Row,
     SceneScratch,
     Solids,
+    States,
     bound_slack,
     boundaries_cross,
+    call,
     find_near_piece,
     find_required_distance,
+    forward_kinematics,
+    internal,
+    joint_displacement,
+    kernel,
     lies_deep,
     make_scene_scratch,
+    piece_depth,
+    relative_pose,
+    vectors,
     write_axes,
 )
-from cspace.arms._snapshots import Snapshot
-from cspace.inside import SLACK, Bools, Floats, Ints, Row, States, internal, kernel, vectors
 
 
 @dataclass(frozen=True, eq=False)

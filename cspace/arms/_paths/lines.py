@@ -10,7 +10,7 @@ free and within the tolerance. Otherwise the step shrinks.
 it into parts. Let e be the vector from the target to the frame's origin, halfway through a part
 that lasts from h before to h after, and e' its derivative. The target does not accelerate, so e''
 is the acceleration of the frame's origin, at most 2 c by
-:func:`cspace.arms._proofs.chain.motion_bounds`. By Taylor's theorem, ``|e| <= max |e +- h e'| + c
+:func:`cspace._bodies.chain.motion_bounds`. By Taylor's theorem, ``|e| <= max |e +- h e'| + c
 h^2`` during the part.
 
 *Angle.* Let w and v be the angular velocities of the frame and of the target. The angle between
@@ -40,28 +40,27 @@ from cspace.arms._inverse import (
     make_pose_problem,
     make_pose_scratch,
 )
-from cspace.arms._proofs.chain import (
+from cspace.arms._snapshots import Snapshot
+from cspace.errors import InputError
+from cspace.inside import (
     ADVANCE_FACTOR,
     DISTANCE_ROUNDING,
+    METRES_PER_RADIAN,
     POSITION,
     REVOLUTE,
     SPIN,
     VELOCITY,
-    forward_kinematics,
-    motion_bounds,
-)
-from cspace.arms._proofs.motion_proofs import ArmScene, are_free
-from cspace.arms._snapshots import Snapshot
-from cspace.errors import InputError
-from cspace.inside import (
-    METRES_PER_RADIAN,
+    ArmScene,
     Floats,
     Ints,
+    are_free,
     check_finite,
+    forward_kinematics,
     frozen,
+    motion_bounds,
 )
 
-DEFAULT_LINE_TOLERANCE: Final = 1e-3, 1e-2
+DEFAULT_LINE_TOLERANCE: Final[tuple[float, float]] = 1e-3, 1e-2
 """Distance in metres and angle in radians by which a motion may leave its line."""
 
 MIN_LINE_PARTS = 8

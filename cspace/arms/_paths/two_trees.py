@@ -13,10 +13,24 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arms._proofs.addresses import Address, call
-from cspace.arms._proofs.cones import move_into_cones, stays_in_cones
-from cspace.arms._proofs.motion_proofs import ArmScene, SceneScratch, find_proof, make_scene_scratch
-from cspace.inside import Effort, Floats, Ints, internal, is_over, kernel, now, spend
+from cspace.inside import (
+    Address,
+    ArmScene,
+    Effort,
+    Floats,
+    Ints,
+    SceneScratch,
+    call,
+    find_proof,
+    internal,
+    is_over,
+    kernel,
+    make_scene_scratch,
+    move_into_cones,
+    now,
+    spend,
+    stays_in_cones,
+)
 
 MAX_STRIDE: Final = 1.0
 """Longest motion by which a tree grows, radians or metres."""

@@ -214,7 +214,7 @@ def _parse_position(value: Any, place: str) -> Floats:
     """Parse a position, shape (3,); a missing one is the origin."""
     position: Floats = np.zeros(3) if value is None else _parse_vector(value, place)
     # Largest coordinate of a position, metres. There, rounding is 1e-13 m, less than the rounding
-    # of a distance of a metre (:data:`cspace.arms._proofs.chain.DISTANCE_ROUNDING`): a pose in a
+    # of a distance of a metre (:data:`cspace._bodies.DISTANCE_ROUNDING`): a pose in a
     # far frame may lead back to the arm.
     max_position_metres = 1e3
     if np.abs(position).max() > max_position_metres:

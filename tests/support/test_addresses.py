@@ -8,7 +8,7 @@ CALLS = """
 import math
 from typing import NamedTuple
 import numpy as np
-from cspace.arms._proofs.addresses import call, find_address
+from cspace._support.addresses import call, find_address
 from cspace.inside import internal, kernel
 
 class Body(NamedTuple):

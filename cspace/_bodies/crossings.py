@@ -13,15 +13,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.inside import (
-    Floats,
-    Ints,
-    Row,
-    box_trees,
-    internal,
-    kernel,
-    vectors,
-)
+from cspace._bodies import box_trees
+from cspace._support import vectors
+from cspace._support.arrays import Floats, Ints, Row
+from cspace._support.compiling import internal, kernel
 
 Corners = tuple[Row, Row, Row]
 """Three points of a triangle."""

@@ -7,12 +7,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arms._proofs.chain import DISTANCE_ROUNDING, Chain
-from cspace.arms._proofs.crossings import NO_TREE, PartTree, SurfaceTree
-from cspace.arms._proofs.hulls import FIRST_CORNER, STOP_CORNER, Hulls, join_roots
-from cspace.arms._proofs.motion_proofs import ArmScene, Solids
-from cspace.arms._proofs.solids import Part, Solid
-from cspace.inside import Floats, Ints, box_trees
+from cspace._bodies import DISTANCE_ROUNDING, box_trees
+from cspace._bodies.chain import Chain
+from cspace._bodies.crossings import NO_TREE, PartTree, SurfaceTree
+from cspace._bodies.hulls import FIRST_CORNER, STOP_CORNER, Hulls, join_roots
+from cspace._bodies.motion_proofs import ArmScene, Solids
+from cspace._bodies.solids import Part, Solid
+from cspace._support.arrays import Floats, Ints
 
 _NO_SURFACE: Final = SurfaceTree(
     np.empty((0, 6)), NO_TREE.spans, np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)

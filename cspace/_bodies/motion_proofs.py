@@ -6,7 +6,7 @@ Schwarzer, M. Saha and J.-C. Latombe, "Adaptive dynamic collision checking for s
 articulated robots in complex environments", 2005). Longer parts come first, so that a collision is
 found early, and in each part the pair that last was not proven.
 
-Links and obstacles are trees of convex hulls, grown by radii (:mod:`cspace.arms._proofs.hulls`). If
+Links and obstacles are trees of convex hulls, grown by radii (:mod:`cspace._bodies.hulls`). If
 no boundaries meet, a connected part lies entirely inside or outside a closed surface, so a single
 point of it decides, once for a whole motion. If hulls of whole parts are apart, this test is not
 needed.
@@ -19,11 +19,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace import BLOCKED, FREE, MIXED
-from cspace.arms._proofs.addresses import Address, call, find_address
-from cspace.arms._proofs.chain import (
-    ADVANCE_FACTOR,
-    DISTANCE_ROUNDING,
+from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, box_trees
+from cspace._bodies.chain import (
     FIXED,
     POSITION,
     REVOLUTE,
@@ -37,8 +34,8 @@ from cspace.arms._proofs.chain import (
     rotation_columns,
     rotation_rows,
 )
-from cspace.arms._proofs.cones import NO_CONES, Cones, stays_in_cones
-from cspace.arms._proofs.crossings import (
+from cspace._bodies.cones import NO_CONES, Cones, stays_in_cones
+from cspace._bodies.crossings import (
     AXIS_POINT,
     CENTER,
     CHORD,
@@ -54,27 +51,17 @@ from cspace.arms._proofs.crossings import (
     joint_displacement,
     pierces,
 )
-from cspace.arms._proofs.hulls import BALL_RADIUS, Hulls, RelativeMotion, tree_slack
-from cspace.inside import (
-    Bools,
-    Floats,
-    Ints,
-    Row,
-    box_trees,
-    internal,
-    kernel,
-    vectors,
-)
+from cspace._bodies.hulls import BALL_RADIUS, Hulls, RelativeMotion, tree_slack
+from cspace._support import vectors
+from cspace._support.addresses import Address, call, find_address
+from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Row
+from cspace._support.compiling import internal, kernel
 
 TREE_ROUNDING: Final = 2.0**-40
 """Growth of boxes of a tree against rounding, relative to the size of the surface."""
 
 
-MAX_DISTANCES: Final = 10_000
-"""Distances measured before a motion counts as not proven, because it grazes an obstacle."""
-
-
-MAX_MOTION_PARTS: Final = 2 * MAX_DISTANCES + 1
+MAX_MOTION_PARTS: Final = 2 * MAX_DISTANCES_PER_EDGE + 1
 """Largest number of parts of a motion; each distance adds two at most."""
 
 
@@ -219,7 +206,7 @@ class SceneScratch(NamedTuple):
         Pair that last was not apart, which is tested first.
     axes : ndarray of float64, shape (b, 8)
         Joints that move a pair away from a motion; see
-        :func:`cspace.arms._proofs.crossings.joint_displacement`.
+        :func:`cspace._bodies.crossings.joint_displacement`.
     nodes : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
     slopes : ndarray of float64, shape (dof,)
         Derivatives of an angle by the joints.
@@ -378,7 +365,7 @@ def motion_is_free(scene: ArmScene, q0: Floats, q1: Floats, scratch: SceneScratc
     parts[0, 0] = 0.0
     parts[0, 1] = 1.0
     count = 1
-    for row in range(MAX_DISTANCES):
+    for row in range(MAX_DISTANCES_PER_EDGE):
         if row == count:
             return True
         start = parts[row, 0]
@@ -477,7 +464,7 @@ def write_axes(
 
     Each joint deviates by at most its entry of ``deviations``, shape (dof,); there are none if that
     has shape (0,). Returns the number of rows written to ``scratch.axes``. They are those of
-    :func:`cspace.arms._proofs.crossings.joint_displacement`, in the frame of b, and include the
+    :func:`cspace._bodies.crossings.joint_displacement`, in the frame of b, and include the
     rounding of points, ``required``.
     """
     if len(deviations) == 0:
@@ -524,7 +511,7 @@ def bound_slack(
 ) -> float:
     """Bound (distance - required distance) of pair n from below, up to ``enough``.
 
-    It is inf if one solid is empty; see :func:`cspace.arms._proofs.hulls.tree_slack`. The pair's
+    It is inf if one solid is empty; see :func:`cspace._bodies.hulls.tree_slack`. The pair's
     padding is required in addition. ``bounds`` are the time to either side, the largest deviation
     from the linear motion, and the largest displacement. ``axes``, shape (k, 8), are those of
     joints that deviate.
@@ -784,7 +771,7 @@ def boundaries_cross(
 
     It crosses a triangle, or enters a box or ball. ``required`` must be at least four times the
     rounding of a point. With ``axes``, shape (k, 8), the proof holds in a whole box of
-    configurations; see :func:`cspace.arms._proofs.crossings.joint_displacement`.
+    configurations; see :func:`cspace._bodies.crossings.joint_displacement`.
     """
     solids = scene.solids
     starts = solids.starts

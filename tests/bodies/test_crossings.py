@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cspace.arms._proofs.crossings import crosses
+from cspace._bodies.crossings import crosses
 from cspace.inside import kernel
 from tests.helpers.strategies import examples, seeds
 from tests.helpers.triangles import squared_triangle_distance, triangle_pairs

@@ -30,14 +30,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.inside import Bools, Floats, Ints, Row, as_contiguous, internal, kernel, vectors
-
-ADVANCE_FACTOR: Final = 0.999
-"""Fraction of a proven distance by which a proof advances, so that the end of the step is proven
-too."""
-
-DISTANCE_ROUNDING: Final = 1e-12
-"""Rounding allowance of a distance, relative to the largest coordinate."""
+from cspace._queries.batches import as_contiguous
+from cspace._support import vectors
+from cspace._support.arrays import Bools, Floats, Ints, Row
+from cspace._support.compiling import internal, kernel
 
 MAX_BODIES: Final = 64
 """Largest number of bodies; the bound of rounding assumes it."""

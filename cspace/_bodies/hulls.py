@@ -22,7 +22,7 @@ about the center.
 *Rounding.* The projection of a corner takes a product of a matrix and a vector, and a scalar
 product. With u = 2^-53, it is off by less than 16 u times the coordinates and the length of n,
 which is 1 up to 4 u. The total is below 2^-48 of the coordinates; the allowance,
-``DISTANCE_ROUNDING`` of :mod:`cspace.arms._proofs.chain`, is 2^-40. That module bounds the rounding
+``DISTANCE_ROUNDING``, is 2^-40. That module bounds the rounding
 of poses.
 """
 
@@ -34,7 +34,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arms._proofs.crossings import (
+from cspace._bodies import box_trees
+from cspace._bodies.crossings import (
     BALL,
     CENTER,
     CHORD,
@@ -45,7 +46,9 @@ from cspace.arms._proofs.crossings import (
     half_axes,
     joint_displacement,
 )
-from cspace.inside import Bools, Floats, Ints, Row, box_trees, internal, vectors
+from cspace._support import vectors
+from cspace._support.arrays import Bools, Floats, Ints, Row
+from cspace._support.compiling import internal
 
 MAX_TRIANGLES_PER_TILE: Final = 16
 """Largest number of neighbouring triangles tested as one hull."""
@@ -298,7 +301,7 @@ def _list_row_corners(rows: Floats) -> tuple[Floats, Ints]:
     """List the corners of all rows of a tree.
 
     Returns the corners, shape (m, 3), and the index of the first corner of each row, shape (n +
-    1,). ``rows``, shape (n, 10), are :attr:`cspace.arms._proofs.crossings.PartTree.triangles`.
+    1,). ``rows``, shape (n, 10), are :attr:`cspace._bodies.crossings.PartTree.triangles`.
     Triangles have three corners, balls one, boxes eight, and axis-aligned boxes none.
     """
     is_box = rows[:, RADIUS] < 0.0  # boxes are marked by the sign
@@ -462,7 +465,7 @@ def tree_slack(
 
     The bound is capped at ``enough``. The motion is the first tree's, as seen from the second.
     Deviations of joints move the first tree away from the motion, about ``axes``; see
-    :func:`cspace.arms._proofs.crossings.joint_displacement`. The result is negative if a pair of
+    :func:`cspace._bodies.crossings.joint_displacement`. The result is negative if a pair of
     nodes is not proven to stay apart, and -inf if a pair is not apart at the central moment. That
     pair becomes row 0 of ``scratch``, shape (MAX_PENDING_PAIRS, 2). The pair given there is tested
     after the roots; -1 means none. Row 1 then starts with 1 if pieces of connected parts were
@@ -534,7 +537,7 @@ def is_fine_enough(
 
     The nodes are leaves, or the motion is too long for their children to be proven apart. ``apart``
     and ``slack`` are those of their hulls; ``axes``, shape (k, 8), are those of
-    :func:`cspace.arms._proofs.crossings.joint_displacement`.
+    :func:`cspace._bodies.crossings.joint_displacement`.
     """
     if not (has_hull(hulls, a) and has_hull(hulls, b)):
         return False

@@ -8,9 +8,15 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arms._proofs.crossings import SurfaceTree
-from cspace.arms._proofs.motion_proofs import Solids, nearest_triangle, winding_number
-from cspace.inside import Floats, Ints, box_trees
+from cspace.inside import (
+    Floats,
+    Ints,
+    Solids,
+    SurfaceTree,
+    box_trees,
+    nearest_triangle,
+    winding_number,
+)
 
 MAX_BALLS_PER_SURFACE: Final = 64
 """Largest number of balls inside a closed surface, or inside the boxes and balls of a solid."""

@@ -3,7 +3,7 @@
 The velocity of a point is linear in it, so the speed is largest at a corner of the link's convex
 hull. Over a time it changes at most by the largest acceleration of the body's points times the
 time: that by the rates of the joints, and that by their accelerations, each by the distances from
-their axes (:mod:`cspace.arms._proofs.chain`).
+their axes (:mod:`cspace._bodies.chain`).
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from cspace.arms._proofs.chain import (
+from cspace.inside import (
     SPIN,
     VELOCITY,
     Chain,
+    Floats,
     Frame,
+    Solid,
     forward_kinematics,
     motion_bounds,
 )
-from cspace.arms._proofs.solids import Solid
-from cspace.inside import Floats
 
 
 def bound_speeds(

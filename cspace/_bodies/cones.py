@@ -21,9 +21,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from cspace.arms._proofs.chain import (
-    ADVANCE_FACTOR,
-    DISTANCE_ROUNDING,
+from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING
+from cspace._bodies.chain import (
     REVOLUTE,
     SPIN,
     Chain,
@@ -32,14 +31,9 @@ from cspace.arms._proofs.chain import (
     motion_bounds,
     rotation_rows,
 )
-from cspace.inside import (
-    Floats,
-    Ints,
-    Row,
-    internal,
-    kernel,
-    vectors,
-)
+from cspace._support import vectors
+from cspace._support.arrays import Floats, Ints, Row
+from cspace._support.compiling import internal, kernel
 
 ANGLE_ROUNDING: Final = 4.0 * DISTANCE_ROUNDING
 """Rounding allowance of an angle, radians."""
@@ -95,7 +89,7 @@ def measure_angle(cones: Cones, k: int, poses: Floats) -> tuple[float, Row]:
     """Return the angle of cone k, and its axis in the base.
 
     The poses of all bodies have shape (b, 3, 6), as in
-    :func:`cspace.arms._proofs.chain.forward_kinematics`.
+    :func:`cspace._bodies.chain.forward_kinematics`.
     """
     axis = vectors.rotate(rotation_rows(poses[cones.bodies[k]]), vectors.row_at(cones.axes[k], 0))
     direction = vectors.row_at(cones.directions[k], 0)
