@@ -18,7 +18,7 @@ from cspace.arms import (
     build_joint_map,
 )
 from tests.helpers.refusals import check_refused, refusals
-from tests.helpers.urdfs import joint, link, planar, planar_arm, pose_at, posed_box, write_urdf
+from tests.helpers.urdfs import joint, link, planar, pose_at, posed_box, write_urdf
 
 pytest.importorskip("yourdfpy")
 
@@ -247,10 +247,6 @@ TENTH = {"limits": (0.1, 0.1)}
         "touch_links are given without q ... those of the obstacle",
     ),
     (
-        lambda f: space(f).forbid_collisions([("fore", "box")]),
-        "pairs hold ('box', 'fore') ... taken",
-    ),
-    (
         lambda f: space(f).allow_collisions("fore"),
         "pairs is 'fore' ... pairs of names",
     ),
@@ -261,10 +257,6 @@ TENTH = {"limits": (0.1, 0.1)}
     (
         lambda f: planners.plan(space(f, near=NEAR), ZERO, (1.0, 0.5)),
         "start (0, 0) is not proven free: fore is in collision with ... FREE",
-    ),
-    (
-        lambda _: wound().certify_path([(0.0, 0.0), (4.0, 0.0)]),
-        "path turns shoulder by 4 rad from row 0 to row 1 ... shorter",
     ),
     (
         lambda f: planners.plan(space(f), ZERO, goal_at(0.6, 0.8), keep=along(0.1, "upper")),
@@ -343,11 +335,6 @@ def bare(folder):
 def along(tolerance, frame="fore"):
     """Keep a bar along x."""
     return planners.Upright(frame, (1, 0, 0), (1, 0, 0), tolerance)
-
-
-def wound():
-    """Build the space of an arm with a shoulder that turns without end."""
-    return build_arm_space({"box": FAR}, planar_arm(**CONTINUOUS))
 
 
 def named_x(folder, name):
