@@ -1,4 +1,4 @@
-"""Hints of arms, their maps, lines and MoveIt's messages: each is followed by code."""
+"""Hints of arms, their maps and lines: each is followed by code."""
 
 import math
 
@@ -11,15 +11,14 @@ import planners
 from cspace import Robot, Workspace
 from cspace.arms import (
     Arm,
+    JointValues,
     PosedShape,
     PoseGoal,
     build_arm_space,
     build_joint_map,
-    read_moveit_request,
-    read_moveit_scene,
 )
 from tests.helpers.refusals import check_refused, refusals
-from tests.helpers.urdfs import joint, link, planar, planar_arm, pose_at, posed_box, write_urdf
+from tests.helpers.urdfs import joint, link, planar, pose_at, posed_box, write_urdf
 
 pytest.importorskip("yourdfpy")
 
@@ -145,7 +144,7 @@ TENTH = {"limits": (0.1, 0.1)}
         "frame is 'foot' ... moves",
     ),
     (
-        lambda f: arm(f, joints=["shoulder"]).configuration(state()),
+        lambda f: arm(f, joints=["shoulder"]).configuration(JointValues(elbow=1.0, shoulder=0.0)),
         "values has elbow at 1 ... holds",
     ),
     (
@@ -248,10 +247,6 @@ TENTH = {"limits": (0.1, 0.1)}
         "touch_links are given without q ... those of the obstacle",
     ),
     (
-        lambda f: space(f).forbid_collisions([("fore", "box")]),
-        "pairs hold ('box', 'fore') ... taken",
-    ),
-    (
         lambda f: space(f).allow_collisions("fore"),
         "pairs is 'fore' ... pairs of names",
     ),
@@ -262,10 +257,6 @@ TENTH = {"limits": (0.1, 0.1)}
     (
         lambda f: planners.plan(space(f, near=NEAR), ZERO, (1.0, 0.5)),
         "start (0, 0) is not proven free: fore is in collision with ... FREE",
-    ),
-    (
-        lambda _: wound().certify_path([(0.0, 0.0), (4.0, 0.0)]),
-        "path turns shoulder by 4 rad from row 0 to row 1 ... shorter",
     ),
     (
         lambda f: planners.plan(space(f), ZERO, goal_at(0.6, 0.8), keep=along(0.1, "upper")),
@@ -329,116 +320,9 @@ TENTH = {"limits": (0.1, 0.1)}
     ),
     (lambda f: follow(f, pose_at(1e101, 0)), "poses has the coordinate 1e+101 m"),
     (lambda f: space(f).follow_line(ZERO, "fare", np.eye(4)), "did you mean 'fore'"),
-    # MoveIt.
-    (
-        lambda f: with_scene(f, HELD_STATE),
-        "planning scene has elbow at 1 ... holds",
-    ),
-    (
-        lambda f: build_arm_space(read_moveit_scene(scene({}, "map")), arm(f)),
-        "planning scene has poses in the frame 'map' ... 'foot'",
-    ),
-    (
-        lambda f: build_arm_space(read_moveit_scene(scene({}, name="fore")), arm(f)),
-        "planning scene has the object 'fore' ... frame",
-    ),
-    (
-        lambda f: read_moveit_request(request(ELBOW)).make_goals(arm(f, joints=["shoulder"])),
-        "motion plan request: goal_constraints[0] has elbow at 1 ... holds",
-    ),
-    (
-        lambda f: read_moveit_request({"goal_constraints": []}),
-        "motion plan request has no goal_constraints",
-    ),
-    (
-        lambda f: read_moveit_request(request(ELBOW, [PLACE])),
-        "motion plan request has 1 joint and 1 pose constraints at ... kinds",
-    ),
-    (
-        lambda f: read_moveit_request(request([], [PLACE, PLACE])),
-        "motion plan request has 2 constraints of fore at ... goal",
-    ),
-    (
-        lambda f: read_moveit_request(request([], [], [facing(7.0)])),
-        "motion plan request has tolerances beyond half a turn at ... pose",
-    ),
-    (
-        lambda f: read_moveit_request(request([], [], [facing(0.0)])),
-        "motion plan request has a tolerance of zero at ... computed",
-    ),
-    (
-        lambda f: read_moveit_request(request([], [PLACE | {"target_point_offset": [1, 0, 0]}])),
-        "motion plan request has ... not read",
-    ),
-    (
-        lambda f: read_moveit_request(
-            request([], [PLACE | {"constraint_region": {"meshes": [1]}}])
-        ),
-        "motion plan request has ... not read",
-    ),
-    (
-        lambda f: read_moveit_request(
-            request(ELBOW) | {"path_constraints": {"joint_constraints": ELBOW}}
-        ),
-        "motion plan request has ... not read",
-    ),
-    (
-        lambda f: read_moveit_request(
-            request(ELBOW) | {"start_state": {"attached_collision_objects": [ATTACHED]}}
-        ),
-        "motion plan request has ... not read",
-    ),
 )
 def test_wrong_arguments_are_refused_in_one_line(call, hint, tmp_path):
     check_refused(lambda: call(tmp_path), hint)
-
-
-JOINTS = {"shoulder": 0.0, "elbow": 1.0}
-THING = {"id": "box", "primitives": [{"type": 1, "dimensions": [0.1, 0.1, 0.1]}]}
-PLACED = THING | {"pose": {"position": [5.0, 5.0, 5.0], "orientation": [0, 0, 0, 1]}}
-HELD_STATE = {"joint_state": {"name": ["elbow", "shoulder"], "position": [1.0, 0.0]}}
-ATTACHED = {"link_name": "fore", "object": THING | {"id": "a", "header": {"frame_id": "fore"}}}
-ELBOW = [{"joint_name": "elbow", "position": 1.0, "tolerance_above": 0.1, "tolerance_below": 0.1}]
-
-
-def place(kind, sizes):
-    """Return the constraint of a link to a region."""
-    region = {"primitives": [{"type": kind, "dimensions": sizes}]}
-    return {"link_name": "fore", "constraint_region": region}
-
-
-PLACE = place("sphere", [0.1])
-
-
-def facing(tolerance):
-    """Return the constraint of the rotation of a link."""
-    names = [f"absolute_{axis}_axis_tolerance" for axis in "xyz"]
-    return {"link_name": "fore", **dict.fromkeys(names, tolerance)}
-
-
-def scene(state, frame="", name="box"):
-    """Return a planning scene."""
-    objects = [PLACED | {"id": name, "header": {"frame_id": frame}}]
-    return {"world": {"collision_objects": objects}, "robot_state": state}
-
-
-def request(joints=(), positions=(), orientations=()):
-    """Return a motion plan request."""
-    goal = {"joint_constraints": list(joints), "position_constraints": list(positions)}
-    return {"goal_constraints": [goal | {"orientation_constraints": list(orientations)}]}
-
-
-def with_scene(folder, state, **options):
-    """Build the space of an arm that holds its elbow, in a scene."""
-    held = arm(folder, joints=["shoulder"], **options)
-    return build_arm_space(read_moveit_scene(scene(state)), held)
-
-
-def state(*joints):
-    """Return the state of a robot, of all of its joints unless some are given."""
-    values = {name: JOINTS[name] for name in joints or JOINTS}
-    message = {"name": list(values), "position": list(values.values())}
-    return read_moveit_scene(scene({"joint_state": message})).robot_state
 
 
 def bare(folder):
@@ -451,11 +335,6 @@ def bare(folder):
 def along(tolerance, frame="fore"):
     """Keep a bar along x."""
     return planners.Upright(frame, (1, 0, 0), (1, 0, 0), tolerance)
-
-
-def wound():
-    """Build the space of an arm with a shoulder that turns without end."""
-    return build_arm_space({"box": FAR}, planar_arm(**CONTINUOUS))
 
 
 def named_x(folder, name):

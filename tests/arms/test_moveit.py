@@ -113,6 +113,13 @@ def test_the_matrix_replaces_the_pairs_that_may_touch(tmp_path):
     "objects, state, message",
     ([], carry("old", make_object("mug", frame="old")), "link_name of 'mug' is 'old'"),
     ([make_object("a", frame="tool")], {}, "in the frame 'tool'; a joint of the arm moves it"),
+    (
+        [make_object("a", frame="map")],
+        {},
+        "has poses in the frame 'map'; .*base_link",
+    ),
+    ([make_object("fore", (9, 9, 9))], {}, "has the object 'fore'; .*frame"),
+    ([make_object("a", (9, 9, 9))], joint_state(STATE | {"lift": 0.5}), "has lift at 0.5; .*holds"),
 )
 def test_scenes_of_another_arm_are_refused(tmp_path, objects, state, message):
     scene = read_moveit_scene(write_scene(tmp_path, *objects, robot_state=state))
@@ -378,6 +385,7 @@ def test_joint_goals_keep_other_joints_and_move_onto_limits(tmp_path):
 @refusals(
     "goal, message",
     (pose_goal(("sphere", (1,), (0, 2, 0)), link="hand"), "link_name is 'hand'"),
+    (joint_goal(lift=0.5), r"goal_constraints\[0\] has lift at 0.5; .*holds"),
 )
 def test_goals_of_another_arm_are_refused(tmp_path, goal, message):
     request = read_moveit_request(write_request(tmp_path, goal))
@@ -554,6 +562,8 @@ def test_a_request_keeps_a_link_upright_in_the_frame_of_the_base(tmp_path):
 
 SPHERE = ("sphere", (0.1,), (1, 0, 0))
 ELBOW = joint_goal(elbow=1)
+MESH = {"link_name": "fore", "constraint_region": {"meshes": [1]}}
+LEVEL = (0, 0, 0, 1)
 
 
 @refusals(
@@ -567,6 +577,18 @@ ELBOW = joint_goal(elbow=1)
         [pose_goal(SPHERE) | pose_goal(None, ((0, 0, 0, 1), (1, 1, 1)), link="fore")],
         {},
         "has 2 constraints of fore, tool at request.goal",
+    ),
+    ([], {}, "has no goal_constraints"),
+    ([ELBOW | pose_goal(SPHERE)], {}, "has 1 joint and 1 pose constraints at .*kinds"),
+    ([pose_goal(None, (LEVEL, (7, 7, 7)))], {}, "has tolerances beyond half a turn at .*pose"),
+    ([pose_goal(None, (LEVEL, (0, 0, 0)))], {}, "has a tolerance of zero at .*computed"),
+    ([pose_goal(SPHERE, target_point_offset=[1, 0, 0])], {}, "target_point_offset; .*not read"),
+    ([{"position_constraints": [MESH]}], {}, "meshes; .*not read"),
+    ([ELBOW], {"path_constraints": ELBOW}, "joint_constraints; .*not read"),
+    (
+        [ELBOW],
+        {"start_state": carry("fore", make_object("a", frame="fore"))},
+        "attached_collision_objects; .*not read",
     ),
     (
         [ELBOW],

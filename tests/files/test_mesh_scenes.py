@@ -41,11 +41,6 @@ def add_part(header, add, mode, corners):
     header["meshes"][0]["primitives"].append(part)
 
 
-@pytest.mark.parametrize("name, glb", [("box.glb", True), ("box.gltf", False)])
-def test_a_gltf_box_is_read(tmp_path, name, glb):
-    check_boxes(read(tmp_path, name, write_gltf(glb=glb)))
-
-
 def test_offsets_and_strides_of_gltf_are_in_bytes(tmp_path):
     def edit(header, add):
         rows = np.full((9, 5), 99.0, "<f4")

@@ -346,31 +346,6 @@ def test_an_arc_is_not_proven_if_any_cell_on_it_is_taken():
     assert missed_by_chords > 0
 
 
-@given(seeds)
-@examples(10)
-def test_no_arc_with_a_contact_is_proven(seed):
-    """The robot touches a point obstacle somewhere along the arc, with an error in addition."""
-    rng = np.random.default_rng(seed)
-    robot = Robot.polygon(WEDGE)
-    post = np.array([5.03, 5.04])
-    occupied = np.zeros((100, 100), dtype=bool)
-    occupied[50, 50] = True
-    space = cspace.build(Workspace.from_array(occupied, 0.1), robot, rotations=48)
-    for _ in range(30):
-        dt = rng.uniform(0.05, 1.5)
-        twist = rng.normal(0.0, (0.7, 2.0)) * (rng.random(2) < 0.9)
-        yaw = rng.uniform(-3.0, 3.0)
-        path = drive((0.0, 0.0, yaw), twist, dt * rng.random(1))[0]
-        tracking = rng.uniform(0.0, 0.2, 3) * (rng.random(3) < 0.5)
-        errors = rng.choice([-1.0, 1.0], 3) * tracking
-        at = path[2] + errors[2]
-        touching = rng.dirichlet((0.3, 0.3, 0.3)) @ WEDGE
-        turned = touching[0] * np.array([np.cos(at), np.sin(at)])
-        turned += touching[1] * np.array([-np.sin(at), np.cos(at)])
-        start = np.array([*(post - turned - path[:2] - errors[:2]), yaw])
-        assert certify_twists(space, start, [twist, twist], dt, tracking).proven == 0
-
-
 @pytest.fixture(scope="module")
 def room():
     """Build a room with a pallet and a post, for a robot that turns."""

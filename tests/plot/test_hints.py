@@ -1,6 +1,5 @@
 """Hints of pictures, pages and animations: each is followed by code."""
 
-import socket
 from functools import cache
 
 import matplotlib.pyplot as plt
@@ -110,18 +109,6 @@ def test_a_wrong_picture_is_refused(call, hint, tmp_path):
 
     check_refused(draw, hint)
     plt.close("all")
-
-
-def test_ports_and_hosts_that_cannot_be_had_are_refused():
-    pytest.importorskip("viser")
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        number = taken.getsockname()[1]
-        for options, message in (
-            ({"port": 10**6}, "it must be a whole number from 0 to 65535"),
-            ({"port": number}, "other programs use it"),
-            ({"host": "203.0.113.1", "port": 0}, "it must be an address of this machine"),
-        ):
-            check_refused(lambda options=options: flat().view(block=False, **options), message)
 
 
 def test_a_page_of_a_map_has_no_frame_to_drag():

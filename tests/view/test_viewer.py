@@ -257,6 +257,7 @@ def test_the_command_opens_a_page(tmp_path, monkeypatch, capfd):
 @refusals(
     "options, message",
     ({"port": True}, "port is True"),
+    ({"port": 10**6}, "it must be a whole number from 0 to 65535"),
     ({"host": "198.51.100.7", "port": 0}, "address of this machine"),
     ({"path": np.zeros((3, 3))}, "path has shape"),
     ({"start": (0.0,)}, "start has shape"),
