@@ -688,15 +688,19 @@ class Workspace(metaclass=AnswersNames):
             problem = f"has {np.count_nonzero(missing)} columns without data"
             hint = "pass unknown='occupied' or unknown='free'"
             raise InputError("heights", problem, "each must have a height", hint)
-        bottom = float(surface[~missing].min()) if bottom is None else bottom
-        top = float(surface[~missing].max()) if top is None else top
+        known = surface[~missing]
         corner = np.zeros(2) if corner is None else corner
         corner = corner if lower is None else check_point(lower, "lower", 2)
-        sides = spacing * np.array(surface.shape)
-        low, high = np.append(corner, bottom), np.append(corner + sides, max(top, bottom))
-        grid = covering_grid(np.stack([low, high]), spacing, WORKSPACE_CELL_BYTES)
-        if missing.any():
-            surface[missing] = -np.inf if unknown == "free" else np.inf
+        low, high = check_point(
+            (known.min() if bottom is None else bottom, known.max() if top is None else top),
+            "bottom and top",
+        )
+        layers = max(1, math.ceil((high - low) / spacing - _SLIVER))
+        shape = (*surface.shape, layers)
+        needed = WORKSPACE_CELL_BYTES * float(math.prod(shape))
+        check_memory(needed, "the map", PlannedGrid(shape, spacing))
+        grid = Grid((*corner, low), spacing, shape)
+        surface[missing] = -np.inf if unknown == "free" else np.inf
         faces = grid.lower[2] + spacing * np.arange(grid.shape[2] + 1)
         outer = surface[..., np.newaxis] > faces[:-1]
         inner = (surface[..., np.newaxis] >= faces[1:]) & ~missing[..., np.newaxis]

@@ -47,7 +47,7 @@ def show_reader(language: str, name: str, call: str) -> Iterable[str]:
     """Yield a script without its command line, and a call of its function; ``py`` is not run."""
     text = (READERS / f"{name}.py").read_text(encoding="utf-8")
     code = text.partition("\n\nif __name__")[0].splitlines()
-    yield from (f"```{language}", *code, "", call, "```")
+    yield from (f"```{language}", *code, "", "", call, "```")
 
 
 def read_parts(heading: str) -> list[str]:

@@ -46,6 +46,8 @@ def test_coordinates_of_an_array_place_it():
     space = Workspace.from_heights(rows, 0.1)
     assert np.allclose(space.grid.lower, (5.0, 7.0, -0.3))
     assert (space.outer == Workspace.from_heights(HEIGHTS, 0.1).outer).all()
+    far = rows.assign_coords(x=rows.x + 300_000.1, y=rows.y + 400_000.3)
+    assert Workspace.from_heights(far, 0.1).grid.shape == space.grid.shape
     with pytest.raises(InputError, match="unit feet"):
         Workspace.from_heights(rows.assign_attrs(units="feet"), 0.1)
     with pytest.raises(InputError, match="'y', 'x'"):
@@ -78,6 +80,8 @@ def test_columns_without_data_are_refused_or_told(nothing):
 def test_heights_that_make_no_map_are_refused(heights, message):
     with pytest.raises(InputError, match=message):
         Workspace.from_heights(heights, 0.01)
+    with pytest.raises(InputError, match="bottom and top"):
+        Workspace.from_heights(HEIGHTS, 0.1, top=np.nan)
 
 
 def test_a_map_between_heights_is_that_of_the_obstacles_there():

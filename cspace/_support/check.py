@@ -107,9 +107,7 @@ def order_labels(values: Any, name: str, axes: Sequence[str]) -> Any:
     if not callable(index) and set(map(str, index)) & set(axes):
         return order_labels(values.T, name, axes)  # of a table whose rows are the axes
     if axes and takes_names(values, axes[0]):
-        rule = "a table must list their names"
-        problem = f"is a {type(values).__name__} of columns without names"
-        raise InputError(name, problem, rule, suggest_call(values, name))
+        raise make_kind_error(values, name, "a table must list the names of its columns")
     return values
 
 

@@ -84,9 +84,7 @@ _CALLS: Final[Mapping[tuple[str, ...], str]] = {
         "for voxel in {}.get_voxels()], {}.voxel_size, radius=0.87 * {}.voxel_size)"
     ),
     ("writeBinary",): "use {}.writeBinary(b'map.bt'); cspace.Workspace.open('map.bt') reads it",
-    ("fetchdf",): "use {}.fetchdf()",
-    ("collect",): "use {}.collect()",
-    ("toarray",): "use {}.toarray()",
+    **{(name,): f"use {{}}.{name}()" for name in ("fetchdf", "collect", "toarray")},
     **dict.fromkeys(
         [("getpixel",), ("GetPixel",), ("modelspace",), ("xyz", "header")], BRING_YOUR_FILE
     ),
