@@ -82,7 +82,7 @@ MAX_NEAR_POSITIONS: Final = 2**10
 """Number of a room's nearest positions that are tested first, and largest number of others."""
 
 MAX_ROWS_PER_BATCH: Final = 2**16
-"""Largest number of configurations that are tested together, if positions are fewer."""
+"""Largest number of configurations that are tested together, if rotations are fewer."""
 
 MAX_POSITIONS_WITHOUT_BLOCKS: Final = 2**16
 """Largest number of cells of a slice whose distances from the start are measured without blocks."""
@@ -788,8 +788,9 @@ def find_room_goals(
 def find_routes(
     edges: LocalPlanner, starts: Sequence[Room], goals: Sequence[Room], joined: Iterable[int] = ()
 ) -> list[Endpoints]:
-    """Find pairs of free configurations of rooms, between wide ones in each component ``joined``.
+    """Find pairs of free configurations of starts and goals.
 
+    Two rooms with more than one configuration have pairs in each of the components ``joined``.
     Raises ConfigurationError if no start is proven free.
     """
     parts: list[Ints | None] = [np.array([label]) for label in joined] or [None]
