@@ -22,6 +22,7 @@ import numpy as np
 from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, box_trees
 from cspace._bodies.chain import (
     FIXED,
+    FLOATING,
     POSITION,
     PRISMATIC,
     REVOLUTE,
@@ -353,6 +354,9 @@ def find_required_distance(scene: ArmScene, q0: Floats, q1: Floats) -> float:
             slides += value
         else:
             angles += value
+        if chain.kinds[b] == FLOATING:
+            for k in range(index + 1, index + 4):
+                slides += abs(q0[k]) + abs(q1[k])
     # An angle is off by a few units in its last digit, far below 2^-9 of the allowance, and moves
     # a point by that angle times its distance from the axis.
     lever = 2.0**-9 * angles * scene.max_coordinate
