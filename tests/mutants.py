@@ -405,7 +405,7 @@ MUTANTS = (
     ),
     # Exact geometry.
     Mutant(
-        "cspace/_exact/proofs.py",
+        "cspace/_exact/plane.py",
         "parts[pending, 0] = center + proven",
         "parts[pending, 0] = center + 2.0 * proven",
         "tests/exact tests/test_proofs.py",
@@ -417,7 +417,7 @@ MUTANTS = (
         "tests/exact tests/test_proofs.py",
     ),
     Mutant(
-        "cspace/_exact/proofs.py",
+        "cspace/_exact/plane.py",
         "best = min(best, distance - spans[k])",
         "best = max(best, distance - spans[k])",
         "tests/exact tests/test_proofs.py",

@@ -55,7 +55,7 @@ class Bodies(NamedTuple):
     ----------
     scene : ArmScene
     max_lever : float
-        As in :class:`cspace._exact.proofs.BoundaryTrees`.
+        As in :class:`cspace._exact.plane.BoundaryTrees`.
     scale : float
         Factor from metres to the scene's lengths, 1.
     required : float
@@ -222,7 +222,7 @@ def rigid_slack(
 ) -> float:
     """Return a lower bound of (distance - required distance) along a path.
 
-    As :func:`cspace._exact.proofs.path_slack`, in metres. The first row of the scratch ``nodes``
+    As :func:`cspace._exact.plane.path_slack`, in metres. The first row of the scratch ``nodes``
     becomes the pair of nodes that set the last bound, -1 for none.
     """
     memory = scratch.memory
