@@ -62,8 +62,8 @@ from ._configuration_map import ConfigurationMap as ConfigurationMap
 from ._configuration_map import contents_of as contents_of
 from ._configuration_map import find_components as find_components
 from ._engines import find_overlaps as find_overlaps
-from ._exact.proofs import Geometry as Geometry
-from ._exact.proofs import poses_are_free as poses_are_free
+from ._exact.plane import Geometry as Geometry
+from ._exact.plane import poses_are_free as poses_are_free
 from ._files.access import ContentError as ContentError
 from ._files.access import check_output as check_output
 from ._files.access import check_suffix as check_suffix

@@ -405,7 +405,7 @@ MUTANTS = (
     ),
     # Exact geometry.
     Mutant(
-        "cspace/_exact/proofs.py",
+        "cspace/_exact/plane.py",
         "parts[pending, 0] = center + proven",
         "parts[pending, 0] = center + 2.0 * proven",
         "tests/exact tests/test_proofs.py",
@@ -417,9 +417,15 @@ MUTANTS = (
         "tests/exact tests/test_proofs.py",
     ),
     Mutant(
-        "cspace/_exact/proofs.py",
+        "cspace/_exact/plane.py",
         "best = min(best, distance - spans[k])",
         "best = max(best, distance - spans[k])",
+        "tests/exact tests/test_proofs.py",
+    ),
+    Mutant(
+        "cspace/_exact/rigid.py",
+        "best = min(best, slack - spans[k])",
+        "best = max(best, slack - spans[k])",
         "tests/exact tests/test_proofs.py",
     ),
     Mutant(
@@ -460,10 +466,10 @@ MUTANTS = (
         "tests/test_floor.py",
     ),
     Mutant(
-        "cspace/_bodies/triangle_proofs.py",
-        "gap_below = min(a1, a2, 0.0) - max(b0, b1, b2)",
-        "gap_below = min(a1, a2, 0.0) - max(b0, b1)",
-        "tests/bodies/test_triangles.py",
+        "cspace/_exact/segments.py",
+        "gap_below = min(a_height, 0.0) - max(b0_height, b1_height)",
+        "gap_below = min(a_height, 0.0) - b0_height",
+        "tests/exact/test_segments.py",
     ),
     Mutant(
         "cspace/_bodies/crossings.py",
@@ -1956,7 +1962,7 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/_exact/proofs.py",
-        "bare = boundaries._replace(required=boundaries.required - scale * self._margin)",
+        "bare = boundaries._replace(required=boundaries.required - boundaries.scale * self._margin)",
         "bare = boundaries",
         "tests/exact/test_closest.py",
     ),

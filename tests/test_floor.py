@@ -18,7 +18,6 @@ from hypothesis import strategies as st
 import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, Robot, Workspace
-from cspace._exact.proofs import prove_edges
 from cspace._queries.edges import edges_are_free
 from cspace._queries.overlaps import count_overlaps
 from cspace._queries.points import classify_blocks
@@ -745,7 +744,7 @@ def test_a_map_on_a_floor_is_asked_by_the_code_of_the_plane():
         space.classify(rows[0])
         space.overlap_count(rows[0])
         space.exact.motion_is_free(*rows)
-    for kernel in (classify_blocks, edges_are_free, count_overlaps, prove_edges):
+    for kernel in (classify_blocks, edges_are_free, count_overlaps):
         # Maps without rotations, with a yaw, and with all rotations differ in type.
         kinds = [re.findall(r"RotationTable\(array\(\w+, .d", str(key)) for key in kernel.overloads]
         assert 1 <= len(kinds) == len(set(map(tuple, kinds)))

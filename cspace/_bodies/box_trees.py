@@ -129,23 +129,31 @@ def find_nearest(points_a: Floats, points_b: Floats, radius_a: float, radius_b: 
 
     The hulls are those of two point sets, shapes (n, 3) and (m, 3), each grown by a radius; all in
     metres. The nearest points follow from the point nearest to zero in the hull of all differences
-    (C. L. Lawson and R. J. Hanson, "Solving Least Squares Problems", 1974, chapter 23).
+    (C. L. Lawson and R. J. Hanson, "Solving Least Squares Problems", 1974, chapter 23), of which
+    some are tried (P. Wolfe, "Finding the nearest point in a polytope", 1976).
     """
     import scipy.optimize
 
-    # Find weights, zero or above, with sum 1, that bring the mean of all differences nearest to
-    # zero: three equations of the mean, and an equation of the sum.
-    differences = (points_a[:, np.newaxis] - points_b).reshape(-1, 3)
-    equations = np.vstack([differences.T, np.ones(len(differences))])
-    # scipy's nnls misses the least sum on some machines if points lie symmetrically.
-    solution = scipy.optimize.lsq_linear(
-        equations, [0.0, 0.0, 0.0, 1.0], (0.0, np.inf), method="bvls", tol=1e-15
-    )
-    weights = solution.x
-    shares = weights.reshape(len(points_a), len(points_b)) / weights.sum()
-    nearest_a = shares.sum(axis=1) @ points_a
-    nearest_b = shares.sum(axis=0) @ points_b
+    a_rows, b_rows = [0], [0]  # pairs of corners whose differences span the nearest point
+    while True:
+        # Find weights, zero or above, with sum 1, that bring the mean of the differences nearest
+        # to zero: three equations of the mean, and an equation of the sum.
+        differences = points_a[a_rows] - points_b[b_rows]
+        equations = np.vstack([differences.T, np.ones(len(differences))])
+        # scipy's nnls misses the least sum on some machines if points lie symmetrically.
+        solution = scipy.optimize.lsq_linear(
+            equations, [0, 0, 0, 1], (0, np.inf), method="bvls", tol=1e-15, max_iter=1000
+        )
+        weights = solution.x / solution.x.sum()
+        nearest_a, nearest_b = weights @ points_a[a_rows], weights @ points_b[b_rows]
+        # Add the pair of corners that are nearest along the way between the points.
+        offset = nearest_b - nearest_a
+        pair = (int((points_a @ offset).argmax()), int((points_b @ offset).argmin()))
+        gain = offset @ (offset - points_b[pair[1]] + points_a[pair[0]])
+        if gain <= 1e-15 * (offset @ offset) or pair in zip(a_rows, b_rows, strict=True):
+            break
+        a_rows.append(pair[0])
+        b_rows.append(pair[1])
     # Move both by the radii towards each other.
-    offset = nearest_b - nearest_a
     direction = offset / max(float(np.linalg.norm(offset)), np.finfo(float).tiny)
     return np.stack([nearest_a + radius_a * direction, nearest_b - radius_b * direction])

@@ -42,7 +42,8 @@ MAX_BODIES: Final = 64
 FIXED = 0
 REVOLUTE = 1
 PRISMATIC = 2
-"""Kinds of joints."""
+FLOATING = 3
+"""Kinds of joints. A floating joint slides along its parent's axes, and turns about its own."""
 
 POSITION = 3
 SPIN = 4
@@ -79,9 +80,10 @@ class Chain(NamedTuple):
     axes : ndarray of float64, shape (b, 3)
         Unit vectors, in the body's frame.
     kinds : ndarray of int64, shape (b,)
-        FIXED, REVOLUTE or PRISMATIC.
+        FIXED, REVOLUTE, PRISMATIC or FLOATING.
     joint_indices : ndarray of int64, shape (b,)
-        Index of the configuration entry that moves the body, as ``factors * q + offsets``.
+        Index of the configuration entry that moves the body, as ``factors * q + offsets``. A
+        floating joint also slides, by the next three entries.
     factors, offsets : ndarray of float64, shape (b,)
     between : ndarray of bool, shape (b, b, b)
         ``between[a, b]`` marks the bodies whose joints move a against b; the base stands for the
@@ -123,23 +125,32 @@ def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Fl
         motion = q1[index] - q0[index]
         value = chain.factors[b] * (q0[index] + t * motion) + chain.offsets[b]
         rate = chain.factors[b] * motion
-        angle = turning = slide = sliding = 0.0
-        if chain.kinds[b] == REVOLUTE:
-            angle = value
-            turning = rate
-        else:
-            slide = value
-            sliding = rate
-        # Pose: first the frame of the joint on the parent, then the joint's own motion.
         joint_axis = vectors.row_at(chain.axes[b], 0)
         parent_rotation = rotation_rows(parent)
         joint_rotation = multiply(parent_rotation, rotation_columns(frame))
-        rotation = multiply(joint_rotation, turn_columns(joint_axis, angle))
+        angle = turning = 0.0
+        slide = sliding = (0.0, 0.0, 0.0)
+        if chain.kinds[b] == PRISMATIC or chain.kinds[b] == FIXED:
+            direction = vectors.rotate(joint_rotation, joint_axis)
+            slide = vectors.scale_vector(direction, value)
+            sliding = vectors.scale_vector(direction, rate)
+        else:
+            angle = value
+            turning = rate
+        if chain.kinds[b] == FLOATING:
+            begin = vectors.row_at(q0, index + 1)
+            way = vectors.minus(vectors.row_at(q1, index + 1), begin)
+            slide = vectors.rotate(parent_rotation, vectors.add_scaled(begin, way, t))
+            sliding = vectors.rotate(parent_rotation, way)
+        # Pose: first the frame of the joint on the parent, then the joint's own motion.
+        rotation = joint_rotation
+        if chain.kinds[b] != PRISMATIC:
+            rotation = multiply(joint_rotation, turn_columns(joint_axis, angle))
         origin = vectors.apply_pose(
             parent_rotation, column_at(parent, POSITION), column_at(frame, POSITION)
         )
-        position = vectors.add_scaled(origin, vectors.rotate(joint_rotation, joint_axis), slide)
-        # The parent's velocity, plus the joint's turning about its axis, or sliding along.
+        position = vectors.add_scaled(origin, slide, 1.0)
+        # The parent's velocity, plus the joint's turning about its axis, or sliding.
         axis = vectors.rotate(rotation, joint_axis)
         moment = vectors.cross(position, axis)
         for i in range(3):
@@ -147,7 +158,7 @@ def forward_kinematics(chain: Chain, q0: Floats, q1: Floats, t: float, poses: Fl
                 out[i, j] = rotation[i][j]
             out[i, POSITION] = position[i]
             out[i, SPIN] = parent[i, SPIN] + turning * axis[i]
-            out[i, VELOCITY] = parent[i, VELOCITY] + turning * moment[i] + sliding * axis[i]
+            out[i, VELOCITY] = parent[i, VELOCITY] + turning * moment[i] + sliding[i]
 
 
 @internal
@@ -229,7 +240,12 @@ def motion_bounds(
             continue
         index = chain.joint_indices[j]
         rate = abs(chain.factors[j] * (q1[index] - q0[index]))
-        if chain.kinds[j] == REVOLUTE:
+        if chain.kinds[j] == FLOATING:
+            way = vectors.minus(vectors.row_at(q1, index + 1), vectors.row_at(q0, index + 1))
+            length = math.sqrt(vectors.dot(way, way))
+            displacement += length
+            curvature += rotation * length
+        if chain.kinds[j] == REVOLUTE or chain.kinds[j] == FLOATING:
             travel = rate * (lengths[j] + radius)
             displacement += travel
             curvature += (0.5 * rate + rotation) * travel

@@ -150,6 +150,8 @@ class RelativeMotion(NamedTuple):
         Largest displacement of any point within that time.
     required : float
         Distance that proves the bodies apart.
+    seeks_contact : bool
+        Whether to look for a contact at the central moment if the motion is not proven.
     """
 
     matrix: vectors.Matrix
@@ -160,6 +162,7 @@ class RelativeMotion(NamedTuple):
     curvature_bound: float
     max_displacement: float
     required: float
+    seeks_contact: bool
 
 
 def build_hulls(tree: PartTree, volume: float) -> Hulls:
@@ -185,7 +188,10 @@ def build_hulls(tree: PartTree, volume: float) -> Hulls:
     is_leaf = counts == 1
     # Boxes and balls are solid, so each is a whole connected part.
     is_box = row_radii < 0.0  # boxes are marked by the sign
-    nodes[:, IS_WHOLE] = bool((is_box | _are_balls(rows)).all())
+    is_ball = _are_balls(rows)
+    ball_leaves = is_leaf & is_ball[starts]
+    boxes[ball_leaves, BALL_RADIUS] = row_radii[starts[ball_leaves]]
+    nodes[:, IS_WHOLE] = bool((is_box | is_ball).all())
     nodes[0, IS_WHOLE] = 1
     if nodes[:, IS_WHOLE].all():
         return Hulls(boxes, nodes, np.ascontiguousarray(corners.T))
@@ -504,15 +510,17 @@ def tree_slack(
         scratch[0, 0] = a
         scratch[0, 1] = b
         if apart and motion.half_time > 0.0:
-            # The caller halves the motion next unless its central moment is blocked, so test only
-            # that now.
-            motion = freeze_motion(motion)
             moves = True
+            if not motion.seeks_contact:
+                break
+            # The caller halves the motion next unless its central moment is blocked, so test at
+            # most that now.
+            motion = freeze_motion(motion)
             continue
         best = min(slack, best - TINY) if apart else -math.inf
         if best <= 0.0:
             break
-    scratch[1, 0] = 1 if partial else 0
+    scratch[1, 0] = int(partial)
     return min(best, -TINY) if moves else best
 
 
@@ -520,7 +528,7 @@ def tree_slack(
 def freeze_motion(motion: RelativeMotion) -> RelativeMotion:
     """Reduce a motion to its central moment, without duration."""
     matrix, position, spin, velocity = motion[:4]
-    return RelativeMotion(matrix, position, spin, velocity, 0.0, 0.0, 0.0, motion.required)
+    return RelativeMotion(matrix, position, spin, velocity, 0.0, 0.0, 0.0, motion.required, True)
 
 
 @internal

@@ -3,8 +3,8 @@
 A motion is halved recursively. At the midpoint of a part, each pair of solids is either far enough
 apart for the whole part, or tested again in both halves; distant pairs are tested once (F.
 Schwarzer, M. Saha and J.-C. Latombe, "Adaptive dynamic collision checking for single and multiple
-articulated robots in complex environments", 2005). Longer parts come first, so that a collision is
-found early, and in each part the pair that last was not proven.
+articulated robots in complex environments", 2005). At first, longer parts come first, so that a
+collision is found early, and in each part the pair that last was not proven.
 
 Links and obstacles are trees of convex hulls, grown by radii (:mod:`cspace._bodies.hulls`). If
 no boundaries meet, a connected part lies entirely inside or outside a closed surface, so a single
@@ -22,7 +22,9 @@ import numpy as np
 from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, box_trees
 from cspace._bodies.chain import (
     FIXED,
+    FLOATING,
     POSITION,
+    PRISMATIC,
     REVOLUTE,
     SPIN,
     VELOCITY,
@@ -61,11 +63,20 @@ TREE_ROUNDING: Final = 2.0**-40
 """Growth of boxes of a tree against rounding, relative to the size of the surface."""
 
 
-MAX_MOTION_PARTS: Final = 2 * MAX_DISTANCES_PER_EDGE + 1
-"""Largest number of parts of a motion; each distance adds two at most."""
+MAX_BROAD_STEPS: Final = 32
+"""Parts of a motion tested before the newest come first instead of the longest: a crossing of a
+thin obstacle is short, and so is the way down to it."""
 
 
-NO_MOTION: Final = (0.0, 0.0, math.inf)
+MAX_HALVINGS: Final = 44
+"""Largest number of times that a motion is halved."""
+
+
+MAX_MOTION_PARTS: Final = 2 * MAX_BROAD_STEPS + MAX_HALVINGS + 3
+"""Largest number of rows of unproven parts: each broad step adds two, and each level below one."""
+
+
+NO_MOTION: Final = (0.0, 0.0, math.inf, True)
 """Bounds of a pair that does not move."""
 
 
@@ -186,7 +197,8 @@ class SceneScratch(NamedTuple):
     Attributes
     ----------
     parts : ndarray of float64, shape (MAX_MOTION_PARTS, 2)
-        Parts of a motion in the order in which they are tested.
+        Parts of a motion, tested in their order at first, later the last one first. The first row
+        begins with the time of the last part tested, from 0 to 1, where a proof may have failed.
     open_pairs : ndarray of bool, shape (MAX_MOTION_PARTS, p)
         Unproven pairs of each part.
     poses : ndarray of float64, shape (b, 3, 6)
@@ -333,14 +345,22 @@ def find_required_distance(scene: ArmScene, q0: Floats, q1: Floats) -> float:
     It includes the rounding of joint values, shapes (dof,); metres.
     """
     chain = scene.chain
-    joint_values = 0.0
+    slides = angles = 0.0
     for b in range(1, len(chain.parents)):
         index = chain.joint_indices[b]
         largest = abs(q0[index]) + abs(q1[index])
-        joint_values += abs(chain.factors[b]) * largest + abs(chain.offsets[b])
+        value = abs(chain.factors[b]) * largest + abs(chain.offsets[b])
+        if chain.kinds[b] == PRISMATIC:
+            slides += value
+        else:
+            angles += value
+        if chain.kinds[b] == FLOATING:
+            for k in range(index + 1, index + 4):
+                slides += abs(q0[k]) + abs(q1[k])
     # An angle is off by a few units in its last digit, far below 2^-9 of the allowance, and moves
     # a point by that angle times its distance from the axis.
-    return scene.required + DISTANCE_ROUNDING * 2.0**-9 * joint_values * scene.max_coordinate
+    lever = 2.0**-9 * angles * scene.max_coordinate
+    return scene.required + DISTANCE_ROUNDING * (2.0 * slides + lever)
 
 
 @kernel
@@ -361,40 +381,50 @@ def motion_is_free(scene: ArmScene, q0: Floats, q1: Floats, scratch: SceneScratc
     bound_pairs(scene, q0, q1, scratch)
     for n in range(len(scene.pairs)):
         open_pairs[0, n] = True
-    # The queue of unproven parts begins with the whole motion.
+    # Rows of unproven parts, from ``first`` up to ``count``, begin with the whole motion.
     parts[0, 0] = 0.0
     parts[0, 1] = 1.0
+    first = 0
     count = 1
-    for row in range(MAX_DISTANCES_PER_EDGE):
-        if row == count:
+    for step in range(MAX_DISTANCES_PER_EDGE):
+        if first == count:
             return True
+        is_broad = step < MAX_BROAD_STEPS
+        if is_broad:
+            row = first
+            first += 1
+        else:
+            count -= 1
+            row = count
         start = parts[row, 0]
         stop = parts[row, 1]
         half = 0.5 * (stop - start)
         center = 0.5 * (start + stop)
-        # Smallest half of a part of a motion, as a fraction of the motion.
-        if half < 2.0**-44:
+        parts[0, 0] = center
+        if half < 2.0**-MAX_HALVINGS:
             return False
         forward_kinematics(scene.chain, q0, q1, center, scratch.poses)
-        state = test_part(scene, open_pairs[row], half, required, scratch)
+        state = test_part(scene, open_pairs[row], half, required, is_broad, scratch)
         if state == BLOCKED:
             return False
-        if state == MIXED and row == 0:
+        if state == MIXED and step == 0:
             # Most colliding motions end in a collision, so the endpoint is tested next.
             for n in range(len(scene.pairs)):
                 open_pairs[1, n] = open_pairs[0, n]
             forward_kinematics(scene.chain, q1, q1, 0.0, scratch.poses)
-            if test_part(scene, open_pairs[1], 0.0, required, scratch) != FREE:
+            if test_part(scene, open_pairs[1], 0.0, required, True, scratch) != FREE:
+                parts[0, 0] = 1.0
                 return False
         if state == MIXED:
-            # Both halves join the queue, with the pairs that are still open.
-            parts[count, 0] = start
-            parts[count, 1] = center
-            parts[count + 1, 0] = center
-            parts[count + 1, 1] = stop
+            # Both halves are added, with the pairs that are still open.
+            parts[count, 0] = center
+            parts[count, 1] = stop
+            parts[count + 1, 0] = start
+            parts[count + 1, 1] = center
             for n in range(len(scene.pairs)):
-                open_pairs[count, n] = open_pairs[row, n]
-                open_pairs[count + 1, n] = open_pairs[row, n]
+                is_open = open_pairs[row, n]  # may be in the row ``count``
+                open_pairs[count, n] = is_open
+                open_pairs[count + 1, n] = is_open
             count += 2
     return False
 
@@ -417,13 +447,18 @@ def bound_pairs(scene: ArmScene, q0: Floats, q1: Floats, scratch: SceneScratch) 
 
 @internal
 def test_part(
-    scene: ArmScene, is_open: Bools, half: float, required: float, scratch: SceneScratch
+    scene: ArmScene,
+    is_open: Bools,
+    half: float,
+    required: float,
+    seeks_contact: bool,
+    scratch: SceneScratch,
 ) -> int:
     """Return FREE if all open pairs of a part of a motion are proven apart, and close them.
 
     ``is_open``, shape (p,), marks these pairs. The poses are those of the center of the part, which
-    extends to ``half`` of the motion before and after. Returns BLOCKED if a pair is not apart
-    there, else MIXED.
+    extends to ``half`` of the motion before and after. Returns BLOCKED if a pair is found not to be
+    apart there, which ``seeks_contact`` asks for, else MIXED.
     """
     state = FREE
     first = scratch.first_pair[0]
@@ -436,7 +471,12 @@ def test_part(
         rotation = scratch.bounds[n, ROTATION]
         # The second term bounds the motion of the rounding, a small part of the whole motion.
         deviation = half * (curvature + required * rotation)
-        bounds = half / ADVANCE_FACTOR, deviation / ADVANCE_FACTOR, displacement / ADVANCE_FACTOR
+        bounds = (
+            half / ADVANCE_FACTOR,
+            deviation / ADVANCE_FACTOR,
+            displacement / ADVANCE_FACTOR,
+            seeks_contact,
+        )
         i, j = scene.pairs[n]
         a, b = scene.solids.bodies[i], scene.solids.bodies[j]
         count = write_axes(scene.chain, a, b, scene.deviations, required, scratch)
@@ -503,7 +543,7 @@ def write_axes(
 def bound_slack(
     scene: ArmScene,
     n: int,
-    bounds: tuple[float, float, float],
+    bounds: tuple[float, float, float, bool],
     axes: Floats,
     required: float,
     enough: float,
@@ -513,11 +553,11 @@ def bound_slack(
 
     It is inf if one solid is empty; see :func:`cspace._bodies.hulls.tree_slack`. The pair's
     padding is required in addition. ``bounds`` are the time to either side, the largest deviation
-    from the linear motion, and the largest displacement. ``axes``, shape (k, 8), are those of
-    joints that deviate.
+    from the linear motion, the largest displacement, and whether to seek a contact. ``axes``, shape
+    (k, 8), are those of joints that deviate.
     """
     solids = scene.solids
-    half, deviation, displacement = bounds
+    half, deviation, displacement, seeks_contact = bounds
     i, j = scene.pairs[n]
     if solids.roots[i] < 0 or solids.roots[j] < 0:
         scratch.nodes[1, 0] = 0  # no hulls meet
@@ -551,6 +591,7 @@ def bound_slack(
         deviation,
         displacement,
         required,
+        seeks_contact,
     )
     nodes = scratch.nodes
     nearest = scratch.nearest_nodes[n]

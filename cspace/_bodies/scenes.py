@@ -1,4 +1,4 @@
-"""Scenes of links and obstacles, packed for kernels."""
+"""Scenes of bodies and obstacles, packed for kernels."""
 
 from __future__ import annotations
 
@@ -15,10 +15,14 @@ from cspace._bodies.motion_proofs import ArmScene, Solids
 from cspace._bodies.solids import Part, Solid
 from cspace._support.arrays import Floats, Ints
 
-_NO_SURFACE: Final = SurfaceTree(
+NO_SURFACE: Final = SurfaceTree(
     np.empty((0, 6)), NO_TREE.spans, np.empty((0, 3, 3)), np.empty(0, dtype=np.int64)
 )
 """A tree without triangles."""
+
+
+_NO_HULLS: Final = Hulls(np.zeros((1, 9)), np.zeros((1, 5), dtype=np.int64), np.empty((3, 0)))
+"""A node that belongs to no part, because node 0 marks leaves."""
 
 
 class PackedParts(NamedTuple):
@@ -57,11 +61,13 @@ class _HullList:
         shifts[:, FIRST_CORNER] = shifts[:, STOP_CORNER]
         return self._append(hulls._replace(nodes=hulls.nodes + shifts))
 
-    def add_above(self, roots: Sequence[int], boxes: Sequence[Floats]) -> int:
-        """Add nodes above roots with boxes, shape (9,), and return the root of all."""
-        if len(roots) < 2:
-            return roots[0] if roots else -1
-        upper = join_roots(np.array(boxes), np.array(roots), self._next_node)
+    def add_solid(self, rooted_parts: Sequence[tuple[Part, int]]) -> int:
+        """Add nodes above parts with their roots, and return the root of all; -1 for none."""
+        filled = [(part, root) for part, root in rooted_parts if root >= 0]
+        if len(filled) < 2:
+            return filled[0][1] if filled else -1
+        boxes = np.array([part.hulls.boxes[0] for part, _ in filled])
+        upper = join_roots(boxes, np.array([root for _, root in filled]), self._next_node)
         return self._append(Hulls(*upper, np.empty((3, 0))))
 
     def _append(self, hulls: Hulls) -> int:
@@ -80,17 +86,16 @@ class _HullList:
 
 def pack_parts(parts: Sequence[Part]) -> PackedParts:
     """Pack the outer parts of links."""
-    none = Hulls(np.zeros((1, 9)), np.zeros((1, 5), dtype=np.int64), np.empty((3, 0)))
-    hulls = _HullList(none)
+    hulls = _HullList(_NO_HULLS)
     roots = [hulls.add(part.hulls) for part in parts]
-    surfaces, surface_roots = box_trees.join_trees(_list_surfaces(parts), _NO_SURFACE)
+    surfaces, surface_roots = box_trees.join_trees(_list_surfaces(parts), NO_SURFACE)
     pairs = zip(roots, surface_roots.tolist(), strict=True)
     return PackedParts(hulls.join(), surfaces, dict(zip(parts, pairs, strict=True)))
 
 
 def _list_surfaces(parts: Sequence[Part]) -> list[SurfaceTree]:
     """Return the closed surfaces of outer parts; nothing apart from an only hull lies in a part."""
-    return [part.surface_tree if len(part.hulls.nodes) > 1 else _NO_SURFACE for part in parts]
+    return [part.surface_tree if len(part.hulls.nodes) > 1 else NO_SURFACE for part in parts]
 
 
 def make_scene(
@@ -110,11 +115,7 @@ def make_scene(
     parts = [part for body in bodies for part in body]
     hulls = _HullList(packed.hulls)
     surfaces, roots = _add_parts(hulls, parts, packed)
-    solid_roots = list[int]()
-    for body in bodies:
-        filled = [part for part in body if roots[part][0] >= 0]
-        boxes = [part.hulls.boxes[0] for part in filled]
-        solid_roots.append(hulls.add_above([roots[part][0] for part in filled], boxes))
+    solid_roots = [hulls.add_solid([(part, roots[part][0]) for part in body]) for body in bodies]
     root_pairs = np.array([roots[part] for part in parts], dtype=np.int64).reshape(-1, 2)
     part_roots, surface_roots = np.ascontiguousarray(root_pairs.T)
     scene = _pack(
@@ -134,6 +135,20 @@ def make_scene(
     pair_indices = np.array(pairs, dtype=np.int64).reshape(-1, 2)
     extra = np.zeros(len(pair_indices)) if padding is None else padding
     return ArmScene(chain, scene, pair_indices, extra, max_coordinate, required)
+
+
+def make_hull_scene(chain: Chain, first: Sequence[Part], second: Sequence[Part]) -> ArmScene:
+    """Make a scene whose first two bodies are the world, ``second``, and a body that moves.
+
+    It has hulls alone, so that containment is not tested. The caller sets what is required.
+    """
+    hulls = _HullList(_NO_HULLS)
+    bodies = [[(part, hulls.add(part.hulls)) for part in parts] for parts in (first, second)]
+    roots = np.array([hulls.add_solid(body) for body in bodies], dtype=np.int64)
+    solids = [Solid("robot", 1, ()), Solid("obstacles", 0, ())]
+    none = np.empty(0, dtype=np.int64)
+    packed = _pack(solids, [], [], NO_SURFACE, none, [], hulls.join(), roots, none)
+    return ArmScene(chain, packed, np.array([[0, 1]]), np.zeros(1), np.inf, np.inf)
 
 
 def _add_parts(
@@ -158,7 +173,7 @@ def make_inner_scene(scene: ArmScene, solids: Sequence[Solid]) -> ArmScene:
     """
     parts = [inner for solid in solids for _, inner in solid.bounds_pairs]
     trees = [part.tree for part in parts]
-    surfaces, roots = box_trees.join_trees([part.surface_tree for part in parts], _NO_SURFACE)
+    surfaces, roots = box_trees.join_trees([part.surface_tree for part in parts], NO_SURFACE)
     probes = [part.probes for part in parts]
     outer = scene.solids
     hulls = outer.hulls, outer.roots, outer.part_roots

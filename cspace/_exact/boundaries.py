@@ -109,9 +109,19 @@ class Problem(NamedTuple):
 
 
 class ObstacleBoundary(NamedTuple):
-    """Boundaries of obstacles, and the rounding error of clipping them, metres."""
+    """Boundaries of obstacles.
+
+    Attributes
+    ----------
+    pieces : list of RoundedSimplices
+    are_whole : list of bool
+        Whether each boundary is not clipped.
+    error : float
+        Rounding error of clipping, metres.
+    """
 
     pieces: list[RoundedSimplices]
+    are_whole: list[bool]
     error: float
 
 
@@ -126,6 +136,7 @@ def obstacle_boundary(
     Raises InputError if an obstacle is a mesh whose inside depends on the spacing.
     """
     pieces_of_obstacles = []
+    are_whole = []
     error = 0.0
     first_axis = 0
     if exterior_blocked:
@@ -145,7 +156,8 @@ def obstacle_boundary(
             caps = _make_caps(shape, workspace, capped_axes)
             pieces = _make_boundary(np.concatenate([pieces.simplices, *caps]))
         pieces_of_obstacles.append(pieces)
-    return ObstacleBoundary(pieces_of_obstacles, error)
+        are_whole.append(not is_clipped)
+    return ObstacleBoundary(pieces_of_obstacles, are_whole, error)
 
 
 def clip_to_grid(border: RoundedSimplices, grid: Grid) -> RoundedSimplices:

@@ -1,48 +1,71 @@
 """Exact queries: map cells answer first, then the boundaries of robot and obstacles.
 
-The plane lies in space at z = 0; its segments are triangles with a repeated corner.
+The plane lies in space at z = 0; its segments are triangles with a repeated corner. In space,
+trees of hulls prove that bodies stay apart.
 """
 
 from __future__ import annotations
 
 import math
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Final, NamedTuple, TypeAlias, cast
+from functools import cached_property
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
-from cspace._bodies.box_trees import FIRST_ITEM, MAX_PENDING_PAIRS, find_nearest
+from cspace._bodies import DISTANCE_ROUNDING
+from cspace._bodies.box_trees import FIRST_ITEM, find_nearest
+from cspace._bodies.crossings import SurfaceTree
+from cspace._bodies.hulls import node_corners
+from cspace._bodies.motion_proofs import find_proof, winding_number
 from cspace._bodies.parts import as_triangles, part_anchors, sort_by_part
-from cspace._bodies.triangle_proofs import (
-    LEVER,
-    RADIUS,
-    Motion,
-    Trees,
-    build_trees,
-    free_fraction,
+from cspace._bodies.scenes import NO_SURFACE
+from cspace._bodies.solids import Part
+from cspace._exact.arcs import (
+    EdgeArc,
+    reference_point,
 )
 from cspace._exact.boundaries import ObstacleBoundary, Problem, Proofs, obstacle_boundary
+from cspace._exact.plane import (
+    BoundaryTrees,
+    Geometry,
+    Scratch,
+    make_scratch,
+    path_slack,
+    prove_arc,
+)
+from cspace._exact.rigid import (
+    Bodies,
+    BoundaryPart,
+    RigidScratch,
+    make_bodies,
+    make_part,
+    make_rigid_scratch,
+    rigid_arc_is_free,
+    rigid_slack,
+)
+from cspace._exact.segments import (
+    RADIUS,
+    build_trees,
+)
 from cspace._grid import MAX_COORDINATE
 from cspace._queries.batches import as_contiguous
-from cspace._queries.edges import NO_RADII, edges_are_free, position_along, tube_is_free
+from cspace._queries.edges import edges_are_free
 from cspace._queries.points import (
     classify,
     configuration_in,
     is_usable,
-    neighborhood_is_free,
-    position_in_plane,
-    state_at,
 )
 from cspace._record.cells import Map, hide_cells
 from cspace._rotations.lookup import (
     arc_angle_and_error,
     arc_count,
     matrix_rows,
-    rotation_along,
 )
 from cspace._shapes import Box, ExactShape, RoundedSimplices
+from cspace._support.addresses import Address
 from cspace._support.arrays import (
     BLOCKED,
     FREE,
@@ -57,12 +80,8 @@ from cspace._support.arrays import (
 )
 from cspace._support.compiling import internal, kernel
 from cspace._support.threads import run_in_chunks
-from cspace._support.vectors import Matrix, apply_pose, dot, minus, rotate_back, row_at
+from cspace._support.vectors import Matrix, apply_pose, minus, rotate_back, row_at
 from cspace.errors import InputError
-
-MAX_PENDING_PARTS: Final = 64
-"""Capacity of the stack of unproven parts of a piece; each level halves the parts, down to
-:data:`MIN_ADVANCE`."""
 
 
 class ExactQueries:
@@ -156,7 +175,7 @@ class ExactQueries:
             with self._lock:
                 # Another thread may have made them while this one waited.
                 if self._proofs is None:
-                    self._proofs = self._find_proofs() or BoundaryProofs(self._make_problem())
+                    self._proofs = self._find_proofs() or make_boundary_proofs(self._make_problem())
                 proofs = self._proofs
         return proofs
 
@@ -188,6 +207,8 @@ class Containment(NamedTuple):
         Corners of the bounding box of the robot.
     has_solids : bool
         True if some obstacles have an inside that their cells do not decide.
+    surfaces : SurfaceTree
+        Closed surfaces of a robot in space that is not convex; else none.
     """
 
     corners: Floats
@@ -201,41 +222,14 @@ class Containment(NamedTuple):
     low: Row
     high: Row
     has_solids: bool
-
-
-class BoundaryTrees(NamedTuple):
-    """Trees of the robot, the walls and the obstacles, in scaled lengths.
-
-    Attributes
-    ----------
-    trees : Trees
-    robot : int
-        Root of the robot.
-    others : tuple of int
-        Roots of the walls and of the obstacles, -1 for none. Walls are the faces of the grid, used
-        if the exterior is blocked.
-    max_lever : float
-        Largest distance of a point of the robot from the reference point, or from the z axis if it
-        rotates about z alone.
-    scale : float
-        Factor from metres to scaled lengths.
-    required : float
-        Distance that proves a configuration free.
-    """
-
-    trees: Trees
-    robot: int
-    others: tuple[int, int]
-    max_lever: float
-    scale: float
-    required: float
+    surfaces: SurfaceTree
 
 
 class ProofInputs(NamedTuple):
-    """Inputs of every edge proof: the map, the boundaries and the solids."""
+    """Inputs of every edge proof: the map, the boundaries or bodies, and the solids."""
 
     map: Map
-    boundaries: BoundaryTrees
+    boundaries: Any
     containment: Containment
 
 
@@ -260,7 +254,7 @@ class Closest(NamedTuple):
     gradient: Floats
 
 
-class BoundaryProofs:
+class BoundaryProofs(ABC):
     """Proofs for one robot among the obstacles of one workspace."""
 
     def __init__(self, problem: Problem) -> None:
@@ -290,7 +284,7 @@ class BoundaryProofs:
         # On a floor, the robot is lifted, so that the plane at z = 0 is that of its positions.
         boundary = as_triangles([self._robot.boundary()])
         boundary = boundary._replace(simplices=boundary.simplices + self._lift)
-        self.boundaries = _build_boundary_trees(problem, boundary, walls)
+        self.boundaries = self._build(problem, boundary, walls)
         containment = self._make_containment(problem, boundary, walls.pieces)
         self._inputs = ProofInputs(problem.map, self.boundaries, containment)
         # Configurations whose anchors, of robot and obstacles, are tested at once.
@@ -298,10 +292,31 @@ class BoundaryProofs:
         # Largest number of anchors tested for containment at once.
         self._batch_size = 1 + 1_000_000 // (1 + anchors_per_configuration)
 
-    @property
-    def geometry(self) -> Geometry:
-        """The boundaries with new scratch memory, for :func:`poses_are_free`."""
-        return self.boundaries, make_scratch().node_pairs
+    @abstractmethod
+    def _build(self, problem: Problem, robot: RoundedSimplices, walls: ObstacleBoundary) -> Any:
+        """Build the trees of the robot, whose boundary is given, the obstacles and the walls."""
+
+    def _find_surfaces(self) -> SurfaceTree:
+        """Return the closed surfaces of the robot in which anchors are sought first."""
+        return NO_SURFACE
+
+    @abstractmethod
+    def _write_states(self, inputs: ProofInputs, q0: Floats, q1: Floats, out: States) -> None:
+        """Write the states of edges, shapes (n, size), to ``out``; see `edge_state`."""
+
+    @abstractmethod
+    def _bound_slack(
+        self,
+        boundaries: Any,
+        positions: Floats,
+        matrices: Floats,
+        spans: Floats,
+    ) -> tuple[float, list[tuple[Floats, float]]]:
+        """Bound (distance - required distance) along a path; see `path_slack`.
+
+        Also returns the corners (n, 3) and radii of two hulls, in the frames of robot and
+        obstacles, that set the last bound; there are none without obstacles.
+        """
 
     def _make_containment(
         self, problem: Problem, boundary: RoundedSimplices, pieces: Sequence[RoundedSimplices]
@@ -352,6 +367,7 @@ class BoundaryProofs:
             low=tuple(low.tolist()),
             high=tuple(high.tolist()),
             has_solids=bool(self._shapes),
+            surfaces=self._find_surfaces(),
         )
 
     def edge(self, *ends: float) -> bool:
@@ -369,7 +385,7 @@ class BoundaryProofs:
         """
         inputs = self._inputs
         if growth > 0.0:
-            boundaries = inputs.boundaries
+            boundaries = self.boundaries
             required = boundaries.required + boundaries.scale * growth
             grown = boundaries._replace(required=required)
             inputs = inputs._replace(map=hide_cells(inputs.map), boundaries=grown)
@@ -378,7 +394,7 @@ class BoundaryProofs:
         def prove_chunk(start: int, stop: int) -> int:
             """Write the states of some edges; -1 means that none is invalid."""
             chunk = slice(start, stop)
-            prove_edges(inputs, q0[chunk], q1[chunk], make_scratch(), states[chunk])
+            self._write_states(inputs, q0[chunk], q1[chunk], states[chunk])
             return -1
 
         # Edges below which a second thread costs more than it saves.
@@ -393,7 +409,7 @@ class BoundaryProofs:
 
     def bound_growth(self, radii: Floats) -> float:
         """Bound how far errors of coordinates, shape (k,), move points of the robot, metres."""
-        lever = self.boundaries.max_lever / self.boundaries.scale
+        lever = float(self.boundaries.max_lever / self.boundaries.scale)
         moved = math.hypot(*radii[: self._dim]) + lever * float(radii[self._dim :].sum())
         # Share by which the growth for errors is rounded up.
         return (1.0 + 1e-9) * moved
@@ -422,10 +438,9 @@ class BoundaryProofs:
         boundaries = boundaries._replace(required=boundaries.required - scale * self._unsure)
         positions, matrices = self._place_robot(points)
         # Largest displacement of a point of the robot from its place at the midpoint.
-        spans = 0.5 * (scale * lengths + boundaries.max_lever * angles)
-        node_pairs = make_scratch().node_pairs
-        slack = path_slack(boundaries, scale * positions, matrices, spans, node_pairs)
-        return float(slack) / scale
+        spans = 0.5 * (lengths + boundaries.max_lever / scale * angles)
+        slack, _ = self._bound_slack(boundaries, positions, matrices, spans)
+        return float(slack)
 
     def find_closest(self, q: Floats, distance: float) -> Closest:
         """Find the nearest points at a configuration, shape (size,), with this distance.
@@ -433,21 +448,15 @@ class BoundaryProofs:
         Raises InputError if there are no obstacles.
         """
         boundaries = self.boundaries
-        scale = boundaries.scale
         positions, matrices = self._place_robot(q[np.newaxis])
         # Without the margin, the search does not end at a pair of triangles within it.
-        bare = boundaries._replace(required=boundaries.required - scale * self._margin)
-        pairs = make_scratch().node_pairs
-        slack = path_slack(bare, scale * positions, matrices, np.zeros(1), pairs)
-        # The pair of triangles that set the bound of the distance.
-        nodes = pairs[0]
-        if nodes[0] < 0:
+        bare = boundaries._replace(required=boundaries.required - boundaries.scale * self._margin)
+        slack, nearest = self._bound_slack(bare, positions, matrices, np.zeros(1))
+        if not nearest:
             raise InputError("obstacles", "are none", "there is nothing to touch")
-        trees = boundaries.trees
-        rows = trees.triangles[trees.spans[nodes, FIRST_ITEM]] / scale
-        corners = rows[:, :RADIUS].reshape(2, 3, 3)
-        robot = corners[0] @ matrices[0].T + positions[0]
-        points = find_nearest(robot, corners[1], *rows[:, RADIUS].tolist())
+        (robot, radius), (obstacle, obstacle_radius) = nearest
+        placed = robot @ matrices[0].T + positions[0]
+        points = find_nearest(placed, obstacle, radius, obstacle_radius)
         away = points[0] - points[1]
         away /= max(float(np.linalg.norm(away)), np.finfo(float).tiny)
         turns = np.cross(points[0] - positions[0], away)
@@ -511,43 +520,165 @@ class BoundaryProofs:
         return rows, anchors[indices[is_near]] - positions[rows]
 
 
-def _build_boundary_trees(
-    problem: Problem, robot: RoundedSimplices, walls: ObstacleBoundary
-) -> BoundaryTrees:
-    """Build the trees of robot, obstacles and walls.
+class PlaneProofs(BoundaryProofs):
+    """Proofs by the segments of boundaries in the plane.
 
-    They are scaled to coordinates of about one. ``robot`` is its boundary; ``walls`` are the
-    boundaries of the obstacles.
+    Trees of hulls would take three times as long there, because most of the time goes by before
+    the first two hulls are tested.
     """
+
+    boundaries: BoundaryTrees
+
+    @property
+    def geometry(self) -> Geometry:
+        """The boundaries with new scratch memory, for :func:`poses_are_free`."""
+        return self.boundaries, make_scratch().node_pairs
+
+    def _build(
+        self, problem: Problem, robot: RoundedSimplices, walls: ObstacleBoundary
+    ) -> BoundaryTrees:
+        """Build trees, scaled to coordinates of about one."""
+        max_coordinate, max_lever, required = _bound_proofs(problem, robot, walls)
+        # A power of two scales without rounding.
+        _, exponent = math.frexp(max_coordinate)
+        scale = 2.0**-exponent
+        scaled = [
+            RoundedSimplices(scale * part.simplices, scale * part.radii)
+            for part in map(as_triangles, ([robot], walls.pieces, _list_walls(problem)))
+        ]
+        trees, roots = build_trees(scaled, problem.rotations._about_z)
+        robot_root, obstacle_root, wall_root = roots
+        return BoundaryTrees(
+            trees=trees,
+            robot=robot_root,
+            others=(wall_root, obstacle_root),
+            max_lever=scale * max_lever,
+            scale=scale,
+            required=scale * required,
+        )
+
+    def _write_states(self, inputs: ProofInputs, q0: Floats, q1: Floats, out: States) -> None:
+        """Write the states of edges."""
+        prove_edges(inputs, make_scratch(), None, None, q0, q1, out)
+
+    def _bound_slack(
+        self,
+        boundaries: Any,
+        positions: Floats,
+        matrices: Floats,
+        spans: Floats,
+    ) -> tuple[float, list[tuple[Floats, float]]]:
+        """Bound the slack along a path, and find the nearest segments."""
+        scale = boundaries.scale
+        pairs = make_scratch().node_pairs
+        slack = path_slack(boundaries, scale * positions, matrices, scale * spans, pairs)
+        trees = self.boundaries.trees
+        found = (
+            [] if pairs[0, 0] < 0 else trees.triangles[trees.spans[pairs[0], FIRST_ITEM]] / scale
+        )
+        nearest = [(row[:RADIUS].reshape(3, 3), float(row[RADIUS])) for row in found]
+        return float(slack) / scale, nearest
+
+
+class SolidProofs(BoundaryProofs):
+    """Proofs by trees of hulls in space."""
+
+    boundaries: Bodies
+
+    @cached_property
+    def _part(self) -> Part:
+        """The robot, lifted to the floor."""
+        pose = np.eye(4)
+        pose[:3, 3] = self._lift
+        return Part(self._robot, pose)
+
+    def _build(self, problem: Problem, robot: RoundedSimplices, walls: ObstacleBoundary) -> Bodies:
+        """Build the scene of robot, obstacles and walls."""
+        max_coordinate, max_lever, required = _bound_proofs(problem, robot, walls)
+        parts = [
+            make_part(obstacle.outer, pieces, is_whole)
+            for obstacle, pieces, is_whole in zip(
+                problem.workspace.obstacles, walls.pieces, walls.are_whole, strict=True
+            )
+        ]
+        # Each triangle of the walls is a part, because their hull holds the whole grid.
+        parts += [
+            BoundaryPart(
+                self._robot, np.eye(4), RoundedSimplices(triangle[np.newaxis], np.zeros(1))
+            )
+            for wall in _list_walls(problem)
+            for triangle in wall.simplices
+        ]
+        return make_bodies(self._part, parts, max_coordinate, max_lever, required)
+
+    def _find_surfaces(self) -> SurfaceTree:
+        """Return the surfaces of a robot of several hulls, lifted."""
+        part = self._part
+        return NO_SURFACE if len(part.hulls.nodes) == 1 else part.surface_tree
+
+    @cached_property
+    def _prove(self) -> Address:
+        """Address of the compiled proof."""
+        return find_proof(self.boundaries.scene)
+
+    def _write_states(self, inputs: ProofInputs, q0: Floats, q1: Floats, out: States) -> None:
+        """Write the states of edges."""
+        prove_edges(inputs, None, self._prove, make_rigid_scratch(self.boundaries), q0, q1, out)
+
+    def _bound_slack(
+        self,
+        boundaries: Any,
+        positions: Floats,
+        matrices: Floats,
+        spans: Floats,
+    ) -> tuple[float, list[tuple[Floats, float]]]:
+        """Bound the slack along a path, and find the nearest hulls."""
+        scratch = make_rigid_scratch(self.boundaries)
+        slack = rigid_slack(boundaries, positions, matrices, spans, scratch)
+        hulls = self.boundaries.scene.solids.hulls
+        nodes = scratch.memory.nodes[0].tolist()
+        nearest = [node_corners(hulls, node) for node in nodes if nodes[0] >= 0]
+        return float(slack), nearest
+
+
+def make_boundary_proofs(problem: Problem) -> BoundaryProofs:
+    """Make the proofs of a robot in the plane or in space."""
+    return PlaneProofs(problem) if problem.workspace.grid.dim == 2 else SolidProofs(problem)
+
+
+def _bound_proofs(
+    problem: Problem, robot: RoundedSimplices, walls: ObstacleBoundary
+) -> tuple[float, float, float]:
+    """Return the largest coordinate, the longest lever, and the required distance, metres.
+
+    The lever is a distance from the reference point, or from the z axis if the robot turns about z
+    alone. ``robot`` is its boundary.
+    """
+    sizes = [
+        np.abs(part.simplices).max() + part.radii.max() for part in walls.pieces if len(part.radii)
+    ]
+    max_coordinate = problem.max_coordinate + float(max(sizes, default=0.0))
+    dims_across_axis = 2 if problem.rotations._about_z else 3
+    levers = np.linalg.norm(robot.simplices[..., :dims_across_axis], axis=-1)
+    required = problem.required_distance + walls.error + DISTANCE_ROUNDING * max_coordinate
+    return max_coordinate, float(levers.max()), required
+
+
+def _list_walls(problem: Problem) -> list[RoundedSimplices]:
+    """Return the sides of the grid, if the exterior is blocked."""
+    if not problem.exterior_blocked:
+        return []
     grid = problem.workspace.grid
-    obstacles = as_triangles(walls.pieces)
-    missing_axis = (0, 3 - grid.dim)  # padding of plane corners to space
-    # Walls of a plane grid are so high that their sides, not their tops, are nearest.
-    sides = np.pad(np.subtract(grid.upper, grid.lower), missing_axis, mode="maximum")
-    center = np.pad(np.add(grid.lower, grid.upper) / 2.0, missing_axis)
+    if grid.dim == 2:
+        (x0, y0), (x1, y1) = grid.lower, grid.upper
+        corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
+        segments = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+        return [RoundedSimplices(segments, np.zeros(4))]
+    sides = np.subtract(grid.upper, grid.lower)
+    center = np.add(grid.lower, grid.upper) / 2.0
     if problem.floor is not None:
         sides[2] += 2.0 * sides[:2].max()  # so that neither ground nor ceiling is nearest
-    faces = [Box.of(sides, center).boundary()] if problem.exterior_blocked else []
-    largest = np.abs(obstacles.simplices).max(initial=0.0) + obstacles.radii.max(initial=0.0)
-    max_coordinate = problem.max_coordinate + float(largest)
-    # A power of two scales without rounding.
-    _, exponent = math.frexp(max_coordinate)
-    scale = 2.0**-exponent
-    scaled = [
-        RoundedSimplices(scale * part.simplices, scale * part.radii)
-        for part in (robot, obstacles, as_triangles(faces))
-    ]
-    trees, roots = build_trees(scaled, problem.rotations._about_z)
-    robot_root, obstacle_root, wall_root = roots
-    required = problem.required_distance + walls.error + DISTANCE_ROUNDING * max_coordinate
-    return BoundaryTrees(
-        trees=trees,
-        robot=robot_root,
-        others=(wall_root, obstacle_root),
-        max_lever=float(trees.boxes[0, LEVER]),  # of the robot's root
-        scale=scale,
-        required=scale * required,
-    )
+    return [Box.of(sides, center).boundary()]
 
 
 def _contain_any(shape: ExactShape, bounds: tuple[Floats, Floats], points: Floats) -> Bools:
@@ -563,69 +694,15 @@ def _contain_any(shape: ExactShape, bounds: tuple[Floats, Floats], points: Float
     return np.asarray(is_inside.any(axis=1))
 
 
-class Scratch(NamedTuple):
-    """Scratch memory of an edge proof.
-
-    Attributes
-    ----------
-    parts : ndarray of float64, shape (MAX_PENDING_PARTS, 2)
-        Stack of unproven parts: where each begins and ends, from 0 to 1.
-    node_pairs : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
-        See :func:`cspace._bodies.triangle_proofs.free_fraction`.
-    measured : ndarray of int64, shape (1,)
-        Number of distances measured along the edge.
-    """
-
-    parts: Floats
-    node_pairs: Ints
-    measured: Ints
-
-
-def make_scratch() -> Scratch:
-    """Allocate scratch memory."""
-    return Scratch(
-        parts=np.empty((MAX_PENDING_PARTS, 2)),
-        node_pairs=np.full((MAX_PENDING_PAIRS, 2), -1),
-        measured=np.zeros(1, dtype=np.int64),
-    )
-
-
-class EdgeArc(NamedTuple):
-    """One of the arcs along which the robot may move between two configurations.
-
-    Attributes
-    ----------
-    p0, p1 : tuple of float
-        Positions at both ends.
-    r0, r1 : tuple of float
-        Rotations at both ends.
-    number : int
-        Number of the arc; 0 for the shorter one.
-    step : tuple of float
-        Translation of the reference point, scaled like the trees.
-    angle : float
-        Rotation, radians.
-    angle_error : float
-        Angle by which the rotation may jump. If it is not zero, a part may be at any rotation of
-        the whole arc, so that cells prove nothing.
-    required : float
-        Distance that proves a configuration free, scaled, with all rounding.
-    """
-
-    p0: Row
-    r0: Numbers
-    p1: Row
-    r1: Numbers
-    number: int
-    step: Row
-    angle: float
-    angle_error: float
-    required: float
-
-
 @kernel
 def prove_edges(
-    inputs: ProofInputs, first: Floats, second: Floats, scratch: Scratch, out: States
+    inputs: ProofInputs,
+    plane: Scratch | None,
+    prove: Address | None,
+    solid: RigidScratch | None,
+    first: Floats,
+    second: Floats,
+    out: States,
 ) -> None:
     """Write the states of edges; see `edge_state`.
 
@@ -634,12 +711,19 @@ def prove_edges(
     for k in range(first.shape[0]):
         p0, r0 = configuration_in(inputs.map, first, k)
         p1, r1 = configuration_in(inputs.map, second, k)
-        out[k] = edge_state(inputs, p0, r0, p1, r1, scratch)
+        out[k] = edge_state(inputs, plane, prove, solid, p0, r0, p1, r1)
 
 
 @internal
 def edge_state(
-    inputs: ProofInputs, p0: Row, r0: Numbers, p1: Row, r1: Numbers, scratch: Scratch
+    inputs: ProofInputs,
+    plane: Scratch | None,
+    prove: Address | None,
+    solid: RigidScratch | None,
+    p0: Row,
+    r0: Numbers,
+    p1: Row,
+    r1: Numbers,
 ) -> int:
     """Return FREE for a proven edge, and BLOCKED for an unproven one.
 
@@ -660,237 +744,48 @@ def edge_state(
         if not length <= 2.0 * MAX_COORDINATE * map_.spacing:
             return BLOCKED
         coordinates += length
-    scale = boundaries.scale
-    step = minus(reference_point(map_, p1, scale), reference_point(map_, p0, scale))
-    rounding = 2.0 * DISTANCE_ROUNDING * scale * coordinates
-    scratch.measured[0] = 0
+    # Hulls take longest to tell that a point of an obstacle is inside the robot.
+    if solid is not None and contains_anchor(inputs, p0, r0, p1, r1, solid.memory.nodes):
+        return BLOCKED
+    required = boundaries.required
+    if plane is not None:  # in space, the proof adds it
+        required += 2.0 * DISTANCE_ROUNDING * boundaries.scale * coordinates
+        plane.measured[0] = 0
     for number in range(arc_count(r0, r1)):
         angle, error = arc_angle_and_error(r0, r1, number)
-        required = boundaries.required + rounding + error * boundaries.max_lever
-        arc = EdgeArc(p0, r0, p1, r1, number, step, angle, error, required)
-        if not prove_arc(inputs, arc, scratch):
+        enough = required + error * boundaries.max_lever
+        arc = EdgeArc(p0, r0, p1, r1, number, angle, error, enough)
+        if not arc_is_free(inputs, plane, prove, solid, arc):
             return BLOCKED
     # The cells alone prove the edge.
-    if scratch.measured[0] == 0:
+    if plane is not None and plane.measured[0] == 0:
         return FREE
     # While no boundaries meet, containment cannot change, so one test is enough.
     place = reference_point(map_, p0, 1.0)
     matrix = matrix_rows(r0)
     state = corner_state(inputs.containment, place, matrix)
-    if state == FREE and has_near_anchor(inputs.containment, place, matrix):
+    first = first_anchor(inputs.containment, place)
+    near, _ = find_near_anchor(inputs.containment, place, matrix, first)
+    if state == FREE and near >= 0:
         return MIXED
     return state
 
 
 @internal
-def prove_arc(inputs: ProofInputs, arc: EdgeArc, scratch: Scratch) -> bool:
-    """Return True if an arc is proven free.
-
-    The arc is cut into equal pieces. Most colliding edges of a planner collide at their end, so it
-    is proven first.
-    """
-    boundaries = inputs.boundaries
-    length = math.sqrt(dot(arc.step, arc.step)) + arc.angle * boundaries.max_lever
-    # Length of the pieces of an edge, in cells; the tree search is slow for longer ones.
-    max_length = 2.0 * boundaries.scale * inputs.map.spacing
-    count = math.ceil(length / max_length)
-    # Piece -1 is the end alone.
-    for piece in range(-1, count):
-        first = piece / count if piece >= 0 else 1.0
-        last = (piece + 1) / count if piece >= 0 else 1.0
-        if not prove_part(inputs, arc, first, last, scratch):
-            return False
-    return True
-
-
-@internal
-def prove_part(
-    inputs: ProofInputs, arc: EdgeArc, first: float, last: float, scratch: Scratch
+def arc_is_free(
+    inputs: ProofInputs,
+    plane: Scratch | None,
+    prove: Address | None,
+    solid: RigidScratch | None,
+    arc: EdgeArc,
 ) -> bool:
-    """Return True if a part of an arc is proven free.
-
-    The part reaches from ``first`` to ``last``, in [0, 1]. The map proves the part, or the distance
-    at its midpoint proves an interval around the midpoint and leaves the remainders on both sides.
-    """
-    boundaries = inputs.boundaries
-    # A stack of unproven parts, each with its beginning and its end.
-    parts = scratch.parts
-    parts[0, 0] = first
-    parts[0, 1] = last
-    pending = 1
-    while pending > 0:
-        pending -= 1
-        first = parts[pending, 0]
-        last = parts[pending, 1]
-        if first < last and cells_are_free(inputs.map, arc, first, last):
-            continue
-        half = 0.5 * (last - first)
-        center = 0.5 * (first + last)
-        position = position_along(arc.p0, arc.p1, center)
-        rotation = rotation_along(arc.r0, arc.r1, arc.number, center)
-        state = state_at(inputs.map, position, rotation)
-        if state == FREE and first == last:
-            continue
-        if state == BLOCKED or scratch.measured[0] == MAX_DISTANCES_PER_EDGE:
-            return False
-        # The distance at the midpoint proves the arc as far as the robot can move that distance.
-        place = reference_point(inputs.map, position, boundaries.scale)
-        motion = Motion(matrix_rows(rotation), place, arc.step, arc.angle, arc.required, 0.0)
-        enough = half / ADVANCE_FACTOR
-        fraction = free_fraction(
-            boundaries.trees,
-            boundaries.robot,
-            boundaries.others,
-            motion,
-            enough,
-            scratch.node_pairs,
-        )
-        proven = ADVANCE_FACTOR * fraction
-        scratch.measured[0] += 1
-        if proven < min(half, MIN_ADVANCE):
-            return False
-        if proven < half:
-            # Remainders on both sides; the first one comes next.
-            parts[pending, 0] = center + proven
-            parts[pending, 1] = last
-            parts[pending + 1, 0] = first
-            parts[pending + 1, 1] = center - proven
-            pending += 2
-    return True
-
-
-@internal
-def cells_are_free(map_: Map, arc: EdgeArc, first: float, last: float) -> bool:
-    """Return True if FREE cells prove a part of an arc.
-
-    The part reaches from ``first`` to ``last``, in [0, 1].
-    """
-    if arc.angle_error > 0.0:
-        return False
-    start = position_along(arc.p0, arc.p1, first)
-    end = position_along(arc.p0, arc.p1, last)
-    start_rotation = rotation_along(arc.r0, arc.r1, arc.number, first)
-    end_rotation = rotation_along(arc.r0, arc.r1, arc.number, last)
-    return bool(tube_is_free(map_, start, start_rotation, end, end_rotation, NO_RADII, 0.0))
-
-
-FIRST_REACH: Final = 2.0**-10
-"""First bound of a distance, which is doubled until it holds, in lengths of trees, about one."""
-
-
-@kernel
-def path_slack(
-    boundaries: BoundaryTrees, positions: Floats, matrices: Floats, spans: Floats, scratch: Ints
-) -> float:
-    """Return a lower bound of (distance - required distance) along a path.
-
-    The bound is at least zero. The robot is placed at the midpoint of each piece of the path, given
-    by ``positions``, shape (n, 3), and rotation ``matrices``, shape (n, 3, 3). No point of the
-    robot moves farther than the span of the piece, shape (n,), from there. All lengths are scaled
-    like the trees. No part of robot or obstacles may lie inside the other.
-    """
-    best = math.inf
-    no_step = (0.0, 0.0, 0.0)
-    for k in range(len(positions)):
-        position = row_at(positions[k], 0)
-        rows = matrices[k]
-        matrix = row_at(rows[0], 0), row_at(rows[1], 0), row_at(rows[2], 0)
-        # With a drift of 1 and no other motion, the free fraction is the distance itself, capped at
-        # best + span.
-        enough = best + spans[k]
-        # Without a bound, a search would meet most pairs of triangles, so the first one is doubled.
-        reach = enough if k > 0 else FIRST_REACH
-        while True:
-            distance = fraction_apart(
-                boundaries, position, matrix, no_step, 0.0, 1.0, reach, scratch
-            )
-            if distance < reach or reach == enough:
-                break
-            reach *= 2.0
-        best = min(best, distance - spans[k])
-        if best <= 0.0:
-            return 0.0
-    return best
-
-
-@internal
-def fraction_apart(
-    boundaries: BoundaryTrees,
-    position: Row,
-    matrix: Matrix,
-    step: Row,
-    angle: float,
-    drift: float,
-    enough: float,
-    scratch: Ints,
-) -> float:
-    """Return the fraction of a motion proven apart.
-
-    The fraction is at most ``enough``. From its position, the robot moves by up to ``step``
-    forwards or backwards, by up to ``drift`` in any direction, and rotates by up to ``angle``. All
-    lengths are scaled like the trees.
-    """
-    x, y, z = position
-    rounding = 2.0 * DISTANCE_ROUNDING * (abs(x) + abs(y) + abs(z))
-    required = boundaries.required + rounding
-    motion = Motion(matrix, position, step, angle, required, drift)
-    return free_fraction(
-        boundaries.trees, boundaries.robot, boundaries.others, motion, enough, scratch
-    )
-
-
-Geometry: TypeAlias = tuple[BoundaryTrees, Ints] | None
-"""Boundaries of robot and obstacles with scratch memory, for compiled callers; None to prove by
-cells alone."""
-
-
-@internal
-def poses_are_free(
-    map_: Map,
-    geometry: Geometry,
-    pose: tuple[float, float, float],
-    reach: float,
-    ahead: float,
-    drift: float,
-    turn: float,
-) -> bool:
-    """Return True if all poses near one in the plane are free, for compiled callers.
-
-    They are at most ``reach`` metres away along each axis, and turned by at most ``turn`` radians.
-    FREE cells prove them, or boundaries of robot and obstacles that stay apart: then the robot gets
-    to the poses by at most ``ahead`` metres along its heading, forwards or backwards, and by
-    ``drift`` metres in any direction. Where boundaries stay apart, all poses are
-    free if one of them is known to be free. They prove nothing outside the grid.
-    """
-    x, y, yaw = pose
-    if neighborhood_is_free(map_, position_in_plane(map_, x, y), (yaw,), reach, turn):
-        return True
-    # The branch of the geometry is left out if there is none.
-    if geometry is None:
-        return False
-    is_inside_x = map_.lower[1] + reach <= x <= map_.upper[1] - reach
-    is_inside_y = map_.lower[2] + reach <= y <= map_.upper[2] - reach
-    if not (is_inside_x and is_inside_y):
-        return False
-    boundaries, node_pairs = geometry
-    scale = boundaries.scale
-    place = (scale * x, scale * y, 0.0)
-    step = (scale * ahead * math.cos(yaw), scale * ahead * math.sin(yaw), 0.0)
-    enough = 1.0 / ADVANCE_FACTOR
-    proven = fraction_apart(
-        boundaries, place, matrix_rows((yaw,)), step, turn, scale * drift, enough, node_pairs
-    )
-    return proven >= enough
-
-
-@internal
-def reference_point(map_: Map, position: Row, scale: float) -> Row:
-    """Return the reference point of the robot in space, times ``scale``."""
-    x, y, z = position
-    # Positions of the plane have their two coordinates last; the plane lies at z = 0.
-    if map_.dim == 2:
-        return scale * y, scale * z, 0.0
-    return scale * x, scale * y, scale * z
+    """Return True if an arc is proven free; see `edge_state`."""
+    # Numba leaves out a branch whose scratch memory is None.
+    if plane is not None:
+        return prove_arc(inputs.map, inputs.boundaries, arc, plane)
+    if prove is not None and solid is not None:
+        return rigid_arc_is_free(inputs.map, inputs.boundaries, prove, arc, solid)
+    return False
 
 
 @kernel
@@ -929,18 +824,50 @@ def corner_state(containment: Containment, position: Row, matrix: Matrix) -> int
 
 
 @internal
-def has_near_anchor(containment: Containment, position: Row, matrix: Matrix) -> bool:
-    """Return True if an obstacle anchor lies in the robot's bounding box."""
+def find_near_anchor(
+    containment: Containment, position: Row, matrix: Matrix, first: int
+) -> tuple[int, Row]:
+    """Find an obstacle anchor in the robot's bounding box, from the anchor ``first`` on.
+
+    Returns its index, -1 if there is none, and the anchor in the frame of the robot.
+    """
     low = containment.low
     high = containment.high
     farthest = position[0] + containment.reach
-    first = np.searchsorted(containment.anchors[:, 0], position[0] - containment.reach)
     for k in range(first, len(containment.anchors)):
         if containment.anchors[k, 0] > farthest:
             break
-        # The anchor in the frame of the robot.
         offset = minus(row_at(containment.anchors[k], 0), position)
         x, y, z = rotate_back(matrix, offset)
         if low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]:
-            return True
+            return k, (x, y, z)
+    return -1, position
+
+
+@internal
+def first_anchor(containment: Containment, position: Row) -> int:
+    """Return the index of the first anchor in reach of a position along x."""
+    return int(np.searchsorted(containment.anchors[:, 0], position[0] - containment.reach))
+
+
+@internal
+def contains_anchor(
+    inputs: ProofInputs, p0: Row, r0: Numbers, p1: Row, r1: Numbers, nodes: Ints
+) -> bool:
+    """Return True if an obstacle anchor lies inside the robot's surfaces at an end of an edge.
+
+    This holds up to rounding. ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
+    """
+    containment = inputs.containment
+    if len(containment.surfaces.boxes) == 0:
+        return False
+    for p, r in ((p0, r0), (p1, r1)):
+        position = reference_point(inputs.map, p, 1.0)
+        matrix = matrix_rows(r)
+        first = first_anchor(containment, position)
+        k, anchor = find_near_anchor(containment, position, matrix, first)
+        while k >= 0:
+            if winding_number(containment.surfaces, 0, anchor, nodes) != 0:
+                return True
+            k, anchor = find_near_anchor(containment, position, matrix, k + 1)
     return False

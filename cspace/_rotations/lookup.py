@@ -11,9 +11,9 @@ import math
 from typing import Final, NamedTuple
 
 from cspace._rotations.base import ANGLE_SLACK, MAX_ANGLE, TWO_PI
-from cspace._support.arrays import Floats, Numbers
+from cspace._support.arrays import Floats, Numbers, Row
 from cspace._support.compiling import inlined, internal
-from cspace._support.vectors import Matrix
+from cspace._support.vectors import Matrix, dot, scale_vector
 
 NORM_SLACK: Final = 1e-6
 """Largest deviation of the norm of a quaternion from 1."""
@@ -112,6 +112,27 @@ def arc_angle_and_error(first: Numbers, second: Numbers, arc: int) -> tuple[floa
     if len(first) == 0:
         return 0.0, 0.0
     return abs(signed_angle(first[0], second[0], arc)), 0.0
+
+
+@internal
+def arc_axis(first: Numbers, second: Numbers, arc: int) -> Row:
+    """Return the unit axis about which an arc turns by its angle, in the turning frame."""
+    if len(first) == 4:
+        path = find_arc(first, second, arc)
+        x, y, z, w = path.first
+        u, v, t, s = path.second
+        # The vector part of the second quaternion as seen from the first.
+        step = (
+            w * u - x * s - y * t + z * v,
+            w * v - y * s - z * u + x * t,
+            w * t - z * s - x * v + y * u,
+        )
+        length = math.sqrt(dot(step, step))
+        if length > 0.0:
+            return scale_vector(step, 1.0 / length)
+    if len(first) == 1:
+        return 0.0, 0.0, math.copysign(1.0, signed_angle(first[0], second[0], arc))
+    return 0.0, 0.0, 1.0
 
 
 @internal

@@ -185,3 +185,15 @@ def test_distances_of_meshes_agree_with_their_triangles(tmp_path, name):
     expected = distances[~is_inside & ~is_near]
     assert (found < expected).all()
     assert (found > expected - 0.0018).all()
+
+
+@pytest.mark.filterwarnings("ignore:.*units are metres")
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_slides_are_decided_alike_in_any_unit(tmp_path, unit):
+    size = (unit, unit, unit)
+    path = write_slider(tmp_path, (size, (0, 0, 0)), limits=(-10 * unit, 10 * unit))
+    walls = {"wall": posed_box(size, 3 * unit, 0.0)}
+    space = cspace.build_arm_space(walls, cspace.Arm.from_urdf(path))
+    for gap, is_free in ((1e-9, True), (-1e-9, False)):
+        q = np.array([(2 - gap) * unit, 0.0])
+        assert space.motion_is_free(q, q) == is_free

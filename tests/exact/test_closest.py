@@ -3,6 +3,7 @@
 import fcl
 import numpy as np
 import pytest
+import scipy.optimize
 import shapely
 import trimesh
 from hypothesis import assume, given
@@ -176,3 +177,21 @@ def test_without_obstacles_and_on_maps_of_joints_nothing_is_closest():
         space.closest((1.0, 1.0))
     with pytest.raises(InputError, match="q has"):
         space.closest([(1.0, 1.0), (2.0, 1.0)])
+
+
+def test_nearest_points_of_large_hulls_need_few_pairs_of_corners(monkeypatch):
+    """All pairs of two balls of 162 corners would be 26,244 columns."""
+    columns = []
+    solve = scipy.optimize.lsq_linear
+
+    def count(equations, *arguments, **options):
+        columns.append(equations.shape[1])
+        return solve(equations, *arguments, **options)
+
+    monkeypatch.setattr(scipy.optimize, "lsq_linear", count)
+    ball, wall = (trimesh.creation.icosphere(2, radius) for radius in (0.3, 0.4))
+    workspace = Workspace.from_mesh(wall, 0.2, (-2, -2, -2, 2, 2, 2))
+    space = cspace.build(workspace, Robot.from_mesh(ball), outside="free")
+    found = space.closest((0.7, 0.5, 0.4))
+    assert np.linalg.norm(np.subtract(*found.points)) == pytest.approx(found.distance, abs=1e-9)
+    assert max(columns) < 30

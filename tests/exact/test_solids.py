@@ -115,3 +115,44 @@ def test_rotation_jumps_of_ompl_count_as_whole_arcs():
     states[slice_of[rotations.cell_of(q1[3:])]] = FREE
     space = map_in(workspace, robot, states, rotations, outside="free")
     assert space.is_free(q1) and not space.exact.motion_is_free(q0, q1)
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("unit", [1e-6, 1e-3, 1.0, 1e3, 1e6])
+@pytest.mark.parametrize("rotations", [1, 4])
+def test_contacts_are_decided_alike_in_any_unit(unit, rotations):
+    """Put a mesh beside a block; a yaw is off by a thousand millionth of the robot's size."""
+    block = Robot.box((1.0 * unit, 0.8 * unit, 0.6 * unit)).shape
+    bounds = np.array([-2, -2, -2, 2, 2, 2]) * unit
+    workspace = Workspace.from_shapes([block], 0.1 * unit, bounds=bounds)
+    robot = Robot.from_mesh(cube((0.5 * unit, 0.3 * unit, 0.2 * unit)))
+    space = cspace.build(workspace, robot, rotations=rotations, outside="free", inner=False)
+    for gap in (3e-9, -3e-9):
+        q = np.zeros(space.size)
+        q[0] = (0.75 + gap) * unit
+        further = q + np.eye(space.size)[1] * 0.02 * unit
+        assert space.exact.is_free(q) == space.exact.motion_is_free(q, further) == (gap > 0)
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.05])
+def test_cells_prove_the_part_of_an_edge_below_a_beam(margin):
+    """Drive a tall robot below a beam nearer than the margin, then past a wall."""
+    cells = np.zeros((80, 60, 24), dtype=bool)
+    cells[38:42, :, 15:] = True
+    cells[54:58, :30] = True
+    workspace = Workspace.from_array(cells, 0.05)
+    robot = Robot.from_mesh(cube((0.4, 0.3, 0.73)).apply_translation((0, 0, 0.375)))
+    space = cspace.build(workspace, robot, rotations=36, floor=0.0, margin=margin, outside="free")
+    start, end = (1.5, 1.66 + margin, 0.0), (2.6, 1.66 + margin, 0.0)
+    assert not space.motion_is_free(start, end)
+    assert space.exact.motion_is_free(start, end)
+    assert not space.exact.motion_is_free(start, (2.6, 1.6, 0.0))
+
+
+def test_points_inside_a_robot_with_a_hole_block_it():
+    """Move a torus whose tube holds a point, and one around the point."""
+    ring = Robot.from_mesh(trimesh.creation.torus(0.5, 0.2))
+    points = Workspace.from_points([[1.0, 1.0, 1.0]], 0.25, (0, 0, 0, 2, 2, 2))
+    space = cspace.build(points, ring, rotations=8, inner=False, outside="free")
+    for x, is_free in ((1.0, True), (1.5, False), (1.8, True)):
+        assert space.exact.motion_is_free((x, 1.0, 1.0, 0.0), (x, 1.0, 1.0, 0.3)) == is_free

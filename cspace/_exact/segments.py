@@ -1,18 +1,17 @@
-"""Compiled proofs that the triangles of a moving robot stay apart from fixed triangles.
+"""Compiled proofs that the segments of a moving robot in the plane stay apart from fixed segments.
 
-A ball is a triangle with three equal corners and a radius; a segment repeats one corner.
+The plane lies in space at z = 0. A segment is a triangle that repeats a corner; a ball repeats one
+corner twice and has a radius.
 
-*Bound.* For any vector n, the distance of two triangles is at least the gap between their
+*Bound.* For any vector n, the distance of two segments is at least the gap between their
 projections onto a line along n::
 
     distance >= min n.(b_j - a_0) / |n| - max n.(a_i - a_0) / |n|        over their corners a_i and
     b_j
 
-If the motion along n is smaller than that gap, the triangles stay apart. The bound holds for every
-n, so n may come from inexact geometry, also of degenerate triangles. Candidates for n are the
-normals of the faces, the vector between the nearest points of two edges, and the normal of both
-edges. One of them is along the shortest vector between the triangles, so that the bound is nearly
-sharp.
+If the motion along n is smaller than that gap, the segments stay apart. The bound holds for every
+n, so n may come from inexact geometry. With the shortest vector between the segments as n, it is
+nearly sharp.
 
 *Rounding.* Let u = 2^-53, and let D be the largest distance of any corner from a_0. Each ``n.(x -
 a_0)`` is wrong by at most 4 u |n| D (a difference, a product, two sums), and the length of n by 4 u
@@ -22,8 +21,8 @@ of two that brings the coordinates to about one, and |n| is at least 2^-300, so 
 below that. The allowance :data:`cspace._bodies.DISTANCE_ROUNDING` is more than fifty times the
 total, including the placing of the corners.
 
-If edges are nearly parallel or faces nearly degenerate, rounding loses the shortest vector.
-Distances below 1e-7 of the edge lengths may then count as zero.
+If segments are nearly parallel, rounding loses the shortest vector. Distances below 1e-7 of their
+lengths may then count as zero.
 """
 
 from __future__ import annotations
@@ -49,17 +48,12 @@ from cspace._support.vectors import (
     apply_pose,
     box_extent,
     boxes_are_apart,
-    cross,
     dot,
     gap_between,
     minus,
     rotate,
     row_at,
 )
-
-Corners = tuple[Row, Row, Row]
-"""Three points of a triangle, or its edge vectors."""
-
 
 MIN_SQUARED_LENGTH = 2.0**-600
 """Squared length of the shortest vector used as a projection axis."""
@@ -74,19 +68,19 @@ RADIUS = 9
 
 
 class Trees(NamedTuple):
-    """Triangles in trees of boxes.
+    """Segments in trees of boxes.
 
-    A node with n triangles has two children: the next node has the first n // 2 of them, and the
+    A node with n segments has two children: the next node has the first n // 2 of them, and the
     node 2 (n // 2) later the others.
 
     Attributes
     ----------
     boxes : ndarray of float64, shape (m, 7)
-        Center and half sides of each box, radii included, and the longest lever of its triangles.
+        Center and half sides of each box, radii included, and the longest lever of its segments.
     spans : ndarray of int64, shape (m, 2)
-        Index of the first triangle of each node, and their number.
+        Index of the first segment of each node, and their number.
     triangles : ndarray of float64, shape (n, 10)
-        Three corners and a radius, zero or above.
+        Three corners of each segment and a radius, zero or above.
     """
 
     boxes: Floats
@@ -122,7 +116,7 @@ class Motion(NamedTuple):
 
 
 def build_trees(borders: Sequence[RoundedSimplices], about_z: bool) -> tuple[Trees, list[int]]:
-    """Build a tree for each set of triangles, in one record.
+    """Build a tree for each set of segments, in one record.
 
     Also returns the root of each tree, -1 if it is empty. Levers are distances from the z axis if
     ``about_z``, else from the origin.
@@ -150,7 +144,7 @@ def free_fraction(
     The fraction is at most ``enough``. Robot and others are given by the roots of their trees, -1
     for none. The result is negative if the robot is too near at its current pose. ``nodes``, shape
     (MAX_PENDING_PAIRS, 2), is a stack of pairs of a robot's node and another node. It keeps in its
-    first row the pair of triangles that set the last bound, because the same pair often sets the
+    first row the pair of segments that set the last bound, because the same pair often sets the
     next one; -1 means none.
     """
     best = float(enough)
@@ -172,7 +166,7 @@ def free_fraction(
         a, b = nodes[top, 0], nodes[top, 1]
         a_row = trees.triangles[trees.spans[a, FIRST_ITEM]]
         b_row = trees.triangles[trees.spans[b, FIRST_ITEM]]
-        # The robot's triangle turns by at most its lever times the angle.
+        # The robot's segment turns by at most its lever times the angle.
         drift = trees.boxes[a, LEVER] * motion.angle + motion.drift
         fraction = pair_free_fraction(a_row, b_row, motion, drift, best)
         # Pairs that follow must be apart for a shorter part of the motion only.
@@ -223,82 +217,29 @@ def find_close_leaves(trees: Trees, motion: Motion, fraction: float, nodes: Ints
 
 @internal
 def pair_free_fraction(p: Floats, q: Floats, motion: Motion, drift: float, enough: float) -> float:
-    """Return the fraction of a motion with two triangles proven apart.
+    """Return the fraction of a motion with two segments proven apart.
 
-    It is at most ``enough``, and negative if they are too near at once. The rows p, of the robot,
-    and q, shape (10,), hold three corners and a radius. The first also moves by up to ``drift`` in
-    any direction.
+    It is at most ``enough``, and -1 if they are too near at once. The rows p, of the robot, and q,
+    shape (10,), hold three corners and a radius. The first also moves by up to ``drift`` in any
+    direction.
     """
-    # Use the first corner of the robot's triangle as the origin, for the smaller rounding.
+    # Use the first corner of the robot's segment as the origin, for the smaller rounding.
     first = row_at(p, 0)
-    matrix = motion.matrix
-    origin = apply_pose(matrix, motion.position, first)
-    a1 = rotate(matrix, minus(row_at(p, 3), first))
-    a2 = rotate(matrix, minus(row_at(p, 6), first))
-    a = (0.0, 0.0, 0.0), a1, a2
-    b = minus(row_at(q, 0), origin), minus(row_at(q, 3), origin), minus(row_at(q, 6), origin)
-    a_edges, b_edges = edge_vectors(a), edge_vectors(b)
-    step = motion.step
-    required = motion.required + p[RADIUS] + q[RADIUS]
-    # Any direction gives a lower bound, and the best one counts.
-    a_normal = cross(a_edges[0], a_edges[1])
-    b_normal = cross(b_edges[0], b_edges[1])
-    best = free_fraction_along(a_normal, a, b, step, drift, required)
-    best = max(best, free_fraction_along(b_normal, a, b, step, drift, required))
-    # Try the shortest vector between edges each time that it becomes shorter, and in the end the
-    # normal of the nearest edges.
-    nearest = math.inf
-    edges_normal = b_normal
-    for k in range(count_edges(a_edges)):
-        for m in range(count_edges(b_edges)):
-            if best >= enough:
-                return enough
-            gap = gap_between(a[k], a_edges[k], b[m], b_edges[m])
-            squared_length = dot(gap, gap)
-            if squared_length < nearest:
-                nearest = squared_length
-                edges_normal = cross(a_edges[k], b_edges[m])
-                best = max(best, free_fraction_along(gap, a, b, step, drift, required))
-    best = max(best, free_fraction_along(edges_normal, a, b, step, drift, required))
-    return min(best, enough)
-
-
-@internal
-def count_edges(edges: Corners) -> int:
-    """Return the number of distinct edges: 3, or 1 for a segment.
-
-    Segments and points repeat their last corner, so that all edges but the first have no length.
-    """
-    return 3 if dot(edges[1], edges[1]) > 0.0 else 1
-
-
-@internal
-def edge_vectors(a: Corners) -> Corners:
-    """Return the three edge vectors of a triangle."""
-    return minus(a[1], a[0]), minus(a[2], a[1]), minus(a[0], a[2])
-
-
-@internal
-def free_fraction_along(
-    n: Row, a: Corners, b: Corners, step: Row, drift: float, required: float
-) -> float:
-    """Return the fraction of a motion with disjoint projections onto n.
-
-    The projections are those of triangles a and b. The result is -1 if they are too near at once,
-    or n is too short. Corners are relative to the first corner of a, which moves by ``step``,
-    forwards or backwards, and by up to ``drift`` in any direction.
-    """
+    origin = apply_pose(motion.matrix, motion.position, first)
+    a = rotate(motion.matrix, minus(row_at(p, 3), first))
+    b0, b1 = minus(row_at(q, 0), origin), minus(row_at(q, 3), origin)
+    # Any direction gives a lower bound; the shortest vector between the segments gives the best.
+    n = gap_between((0.0, 0.0, 0.0), a, b0, minus(b1, b0))
     squared_length = dot(n, n)
     if not MIN_SQUARED_LENGTH < squared_length < math.inf:
         return -1.0
     length = math.sqrt(squared_length)
     # Heights along n; that of the first corner of a is zero.
-    a1, a2 = dot(n, a[1]), dot(n, a[2])
-    b0, b1, b2 = dot(n, b[0]), dot(n, b[1]), dot(n, b[2])
-    gap_above = min(b0, b1, b2) - max(a1, a2, 0.0)
-    gap_below = min(a1, a2, 0.0) - max(b0, b1, b2)
-    gap = max(gap_above, gap_below)
-    slack = gap / length - required
+    a_height, b0_height, b1_height = dot(n, a), dot(n, b0), dot(n, b1)
+    gap_above = min(b0_height, b1_height) - max(a_height, 0.0)
+    gap_below = min(a_height, 0.0) - max(b0_height, b1_height)
+    required = motion.required + p[RADIUS] + q[RADIUS]
+    slack: float = max(gap_above, gap_below) / length - required
     if not slack > 0.0:
         return -1.0
-    return slack / (abs(dot(n, step)) / length + drift)
+    return min(slack / (abs(dot(n, motion.step)) / length + drift), enough)
