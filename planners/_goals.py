@@ -579,8 +579,8 @@ def _find_components_met(space: ConfigurationMap, rooms: Sequence[Room], mixed: 
     """Return the components of cells that meet rooms; all single configurations together."""
     points = np.array([room.middle for room in rooms if room.is_point]).reshape(-1, space.size)
     points = wrap_angles(points, space.is_periodic)
-    if not mixed:
-        points = points[space.is_connected(points, points)]
+    if not mixed:  # one by one, because a batch compiles other code
+        points = points[np.array([space.is_connected(q, q) for q in points.tolist()], np.bool_)]
     wide = [room for room in rooms if not room.is_point]
     met = [find_components(space, points, mixed)]
     met += [room.find_components(space, mixed) for room in wide]
