@@ -466,10 +466,10 @@ MUTANTS = (
         "tests/test_floor.py",
     ),
     Mutant(
-        "cspace/_exact/segments.py",
+        "cspace/_exact/segment_proofs.py",
         "gap_below = min(a_height, 0.0) - max(b0_height, b1_height)",
         "gap_below = min(a_height, 0.0) - b0_height",
-        "tests/exact/test_segments.py",
+        "tests/exact/test_segment_proofs.py",
     ),
     Mutant(
         "cspace/_bodies/crossings.py",

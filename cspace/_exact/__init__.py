@@ -16,7 +16,7 @@ moves by more than ``|dx| + rho * angle``, where rho is the longest lever of the
 advancement: B. Mirtich, "Impulse-based dynamic simulation of rigid body systems", 1996). Along a
 line, points move by less. In space, robots are bodies of :mod:`cspace._bodies`
 (``cspace/_exact/rigid.py``). In the plane, which lies at z = 0, their segments are measured
-(``cspace/_exact/segments.py``).
+(``cspace/_exact/segment_proofs.py``).
 
 *Rounding.* All sets are closed: touching is a collision. A distance must exceed the margin by
 ``ANGLE_SLACK`` (1e-9) times the span of the robot, if it rotates, plus ``DISTANCE_ROUNDING``

@@ -16,7 +16,7 @@ from cspace._exact.arcs import (
     cells_are_free,
     reference_point,
 )
-from cspace._exact.segments import Motion, Trees, free_fraction
+from cspace._exact.segment_proofs import Motion, Trees, free_fraction
 from cspace._queries.edges import position_along
 from cspace._queries.points import neighborhood_is_free, position_in_plane
 from cspace._record.cells import Map
@@ -62,7 +62,7 @@ class Scratch(NamedTuple):
     parts : ndarray of float64, shape (MAX_PENDING_PARTS, 2)
         Stack of unproven parts: where each begins and ends, from 0 to 1.
     node_pairs : ndarray of int64, shape (MAX_PENDING_PAIRS, 2)
-        See :func:`cspace._exact.segments.free_fraction`.
+        See :func:`cspace._exact.segment_proofs.free_fraction`.
     measured : ndarray of int64, shape (1,)
         Number of distances measured along the edge.
     """

@@ -46,7 +46,7 @@ from cspace._exact.rigid import (
     rigid_arc_is_free,
     rigid_slack,
 )
-from cspace._exact.segments import (
+from cspace._exact.segment_proofs import (
     RADIUS,
     build_trees,
 )

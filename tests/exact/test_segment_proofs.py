@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from cspace._bodies.box_trees import MAX_PENDING_PAIRS
-from cspace._exact.segments import Motion, build_trees, free_fraction
+from cspace._exact.segment_proofs import Motion, build_trees, free_fraction
 from cspace._shapes import RoundedSimplices
 from cspace._support.compiling import kernel
 from tests.helpers.strategies import examples, seeds
