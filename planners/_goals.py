@@ -377,7 +377,8 @@ class Room:
         if self.is_point:
             return [edges.space.check_endpoint(self.middle, self.name)]
         if joined is None:
-            joined = find_joined(space, [[Room("", origin[0])]], mixed=edges.exact)
+            here = find_components(space, wrap_angles(origin, space.is_periodic), edges.exact)
+            joined = here[here >= 0]
         pool = self._find_candidates(edges, start, joined)
         if not len(pool.rows):
             raise self._make_error(space)

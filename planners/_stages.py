@@ -113,7 +113,8 @@ class Existence:
 
     def _leads_through(self, places: Sequence[Sequence[Room]], is_proof: bool) -> bool:
         """Return whether a path is proven through rooms, or if it is no proof, may exist."""
-        if self.edges.has_cells:
+        are_points = all(len(rooms) == 1 and rooms[0].is_point for rooms in places)
+        if self.edges.has_cells and not (is_proof and are_points):
             return len(find_joined(self.edges.cells, places, mixed=not is_proof)) > 0
         exists = self.edges.space.path_exists
         answers = (True,) if is_proof else (True, None)
