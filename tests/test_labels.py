@@ -390,7 +390,7 @@ def test_what_is_made_of_numbers_with_labels_is_one_thing(objects, maker):
 
 
 NAMELESS = {
-    *("cells", "occupied", "inner"),  # arrays of cells: tests/test_arguments.py
+    *("cells", "occupied", "inner", "heights"),  # arrays of cells: tests/test_arguments.py
     *("radius", "rotations", "lengths", "turns", "within", "deviation", "held_joints", "max_jerk"),
     *("camera", "center", "t", "distance", "frequency", "counts", "chosen", "step"),
     *("starts", "ends", "poses", "pose", "base_pose", "tolerance", "near", "edges"),
