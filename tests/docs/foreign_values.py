@@ -14,6 +14,9 @@ import trimesh
 import cspace
 from cspace import InputError, Workspace
 
+# What packages warn of as their objects are made, or read, fails no hint.
+pytestmark = pytest.mark.filterwarnings("default")
+
 PAGE = (Path(__file__).parents[2] / "docs/howto/bring_your_file.md").read_text(encoding="utf-8")
 
 LOWER, UPPER = (1.0, 2.0, 0.0), (1.5, 2.75, 0.5)
