@@ -30,6 +30,8 @@ class Plane:
     def __init__(self, geometries, radii=0.0, room=None):
         """Index the parts of geometries; ``room`` is a lower and an upper corner, or None."""
         parts, owners = shapely.get_parts(np.asarray(geometries, object), return_index=True)
+        is_there = ~shapely.is_empty(parts)
+        parts, owners = parts[is_there], owners[is_there]
         self.shapes = parts
         self.radii = np.broadcast_to(radii, len(geometries))[owners]
         self.room = None if room is None else np.asarray(room, float)

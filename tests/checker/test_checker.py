@@ -133,6 +133,15 @@ def test_a_disc_that_heads_along_its_curve_starts_from_rest(gap):
     assert found == (FREE if gap > 0.0 else TOUCHES)
 
 
+def test_what_holds_no_point_is_no_obstacle():
+    shapes = [shapely.Point(), shapely.Polygon(), shapely.Point(0.5, 0.0)]
+    line = pieces.make_lines([(0.0, 0.0), (1.0, 0.0)])
+    world = plane.Plane(shapes, 0.1)
+    assert check_flat(line, [plane.Part(BOX)], shapes[:2], radii=0.1) == FREE
+    assert check_flat(line, [plane.Part(BOX)], shapes, radii=0.1) == TOUCHES
+    assert world.cover(np.array([(0.45, 0.0)]), np.array([(0.55, 0.05)])).all()
+
+
 def test_rows_off_a_motion_are_seen():
     line = pieces.make_lines([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0)])
     rows, which, times = (
