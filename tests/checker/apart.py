@@ -49,8 +49,11 @@ def check_apart(first, second, begin, end, budget, margin=0.0):
         gaps = np.full(len(t), np.inf)
         for k, a in enumerate(first.parts):
             for n, b in enumerate(second.parts):
-                gap = shapely.distance(placed[0][k], placed[1][n]) - a.radius - b.radius
-                gaps = np.minimum(gaps, gap)
+                gap = shapely.distance(placed[0][k], placed[1][n])
+                met = np.flatnonzero(gap == 0.0)
+                shrunk = shapely.buffer(placed[0][k][met], -slack, join_style="mitre")
+                gap[met[shapely.intersects(shrunk, placed[1][n][met])]] = -2.0 * slack
+                gaps = np.minimum(gaps, gap - a.radius - b.radius)
         errors = first.bound_error(t) + second.bound_error(t)
         touches = np.flatnonzero(gaps < margin + errors - slack)
         if len(touches):

@@ -133,6 +133,21 @@ def test_a_disc_that_heads_along_its_curve_starts_from_rest(gap):
     assert found == (FREE if gap > 0.0 else TOUCHES)
 
 
+@pytest.mark.parametrize("gap", [-1e-3, 1e-3])
+def test_things_that_stand_are_decided(gap):
+    for gone in (0.0, 0.8 + gap):
+        still = [
+            apart.Timed(
+                [plane.Part(BOX)],
+                lambda t, x=x: np.stack([x + 0.0 * t, 0.0 * t], 1),
+                lambda *_: (0, 0),
+            )
+            for x in (0.0, gone)
+        ]
+        found = apart.check_apart(*still, 0.0, 30.0, LARGE).kind
+        assert found == (FREE if gone and gap > 0.0 else TOUCHES)
+
+
 def test_what_holds_no_point_is_no_obstacle():
     shapes = [shapely.Point(), shapely.Polygon(), shapely.Point(0.5, 0.0)]
     line = pieces.make_lines([(0.0, 0.0), (1.0, 0.0)])
