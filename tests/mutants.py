@@ -16,6 +16,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from resource import RLIMIT_CPU, setrlimit
 
+from tests.faults import random_faults
+
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("cspace", "planners")
 COPIED = (*PACKAGES, "benchmarks", "docs", "examples", "ros", "tests")
@@ -2055,7 +2057,12 @@ class Copy:
 
 
 def main() -> int:
-    """Test all faults, or those whose name contains a given text; return 1 if one survives."""
+    """Test all faults, or those whose name contains a given text; return 1 if one survives.
+
+    ``random ROOM`` tests random faults of a room instead.
+    """
+    if sys.argv[1:2] == ["random"]:
+        return random_faults.main(sys.argv[2:])
     parser = argparse.ArgumentParser(prog="python -m tests.mutants", description=__doc__)
     parser.add_argument("text", nargs="?", default="", help="only faults with this in their name")
     parser.add_argument("--check", action="store_true", help="only look for each fault's old text")
