@@ -78,7 +78,7 @@ def release(session: nox.Session) -> None:
     run_tool = partial(session.run, PYTHON, "-m", external=True)
     run_tool("build", "--outdir", "dist", str(source))
     (wheel,) = source.glob("dist/*-none-any.whl")
-    session.install("-c", "constraints.txt", f"{wheel}[arms]")
+    session.install("-c", "constraints.txt", wheel)
     made = [wheel, *source.glob("dist/*.tar.gz")]
     if (platform.system(), platform.machine()) == ("Linux", "x86_64"):
         made.append(_add_code(session, wheel))
@@ -174,7 +174,7 @@ def ros(session: nox.Session) -> None:
     file = Path(session.create_tmp(), "constraints.txt")
     kept = [pin for pin in pins if not pin.startswith(NEED_NUMPY_2)]
     file.write_text("\n".join(kept), encoding="utf-8")
-    session.install("-c", str(file), "-e", ".[arms]", *tools, ROS_NUMPY)
+    session.install("-c", str(file), "-e", ".", *tools, ROS_NUMPY)
     options = ("-q", "-n0", "--noconftest", "-W", "ignore::DeprecationWarning", *session.posargs)
     # rclpy starts once in a process. The gate's watch is compiled over the messages of the wheels.
     nodes = [

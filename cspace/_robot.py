@@ -386,8 +386,6 @@ class Robot(metaclass=AnswersNames):
         InputError
             If a folder or link does not exist, the links have no collision geometry, a size is not
             above zero, or ``solid`` is "surface" and a link has a box, a cylinder or a sphere.
-        MissingPackageError
-            If yourdfpy is not installed.
         """
         from cspace._files.formats import read_rigid_links
 

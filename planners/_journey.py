@@ -189,22 +189,25 @@ def _find_first_routes(existence: Existence) -> list[Endpoints]:
     """Find routes between the first two stages, the most promising first."""
     edges = existence.edges
     origin, stage, *others = existence.stages
-    starts = origin.rooms
-    is_wide = not all(room.is_point for room in starts)
-    if len(origin.goals) == 1 and not is_wide and stage.rooms:
-        # The goals were found from this start.
-        return [(*origin.goals, goal) for goal in stage.goals]
-    if not starts or (len(starts) == 1 and not is_wide):
-        routes = [_find_routes(edges, q, stage)[0] for q in origin.goals]
-        return sorted(routes, key=lambda route: edges.min_length(*np.array(route[:2])))
-    if not (others or (is_wide and stage.rooms)):
-        return find_routes(edges, starts, stage.choices)
+    is_wide = not all(room.is_point for room in origin.rooms)
+    if len(origin.rooms) <= 1 and not is_wide:
+        return _find_routes_from_points(edges, origin, stage)
+    if not others and not (is_wide and stage.rooms):
+        return find_routes(edges, origin.rooms, stage.choices)
     joined = existence.find_joined()
-    routes = find_routes(edges, starts, stage.choices, joined)
+    routes = find_routes(edges, origin.rooms, stage.choices, joined)
     begins = np.array([route[0] for route in routes])
     labels = find_components(edges.cells, begins, edges.exact)
     kept = [route for route, label in zip(routes, labels, strict=True) if label in joined]
     return kept or routes
+
+
+def _find_routes_from_points(edges: LocalPlanner, origin: Stage, stage: Stage) -> list[Endpoints]:
+    """Find routes from one configuration of a map, or from several of another space."""
+    if stage.rooms:  # the goals were found from this start
+        return [(*origin.goals, goal) for goal in stage.goals]
+    routes = [_find_routes(edges, q, stage)[0] for q in origin.goals]
+    return sorted(routes, key=lambda route: edges.min_length(*np.array(route[:2])))
 
 
 def _join_legs(
@@ -241,22 +244,36 @@ def search_goals(task: PlanTask, onward: Sequence[Endpoint] = ()) -> SearchResul
     results: list[SearchResult] = []
     best = RoutedPath(SearchResult(np.empty((0, edges.space.size))), math.inf, math.inf)
     waiting = _list_routes(task, onward)
-    while waiting and measure_left(task, results).is_left:
-        key, number, least = heapq.heappop(waiting)
-        route = task.routes[number]
-        if least is None:
-            bound = _bound_route(edges, route, onward) if key < best.cost else math.inf
-            if bound < best.cost:
-                heapq.heappush(waiting, (bound, number, bound))
-            continue
-        if best.result.proven and not _may_cost_less(task, route, least, best, onward):
-            continue
+    while measure_left(task, results).is_left:
+        chosen = _take_route(task, onward, waiting, best)
+        if chosen is None:
+            break
+        route, least = chosen
         found = _search_route(task, route, _limit_route(task, results, best.result, not waiting))
         results.append(found)
         cost = _measure_way(edges, found.path, onward) if found.proven else math.inf
         if cost < best.cost or not (found.proven or len(best.result.path)):
             best = RoutedPath(found, cost, least)
     return sum_times(best.result, results) if results else best.result
+
+
+def _take_route(
+    task: PlanTask,
+    onward: Sequence[Endpoint],
+    waiting: list[tuple[float, int, float | None]],
+    best: RoutedPath,
+) -> tuple[Endpoints, float] | None:
+    """Take the next route that may cost less than the best path, and its lower bound."""
+    while waiting:
+        key, number, least = heapq.heappop(waiting)
+        route = task.routes[number]
+        if least is not None:
+            if not best.result.proven or _may_cost_less(task, route, least, best, onward):
+                return route, least
+        elif key < best.cost:
+            bound = _bound_route(task.edges, route, onward)
+            heapq.heappush(waiting, (bound, number, bound))
+    return None
 
 
 def _list_routes(

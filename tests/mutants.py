@@ -681,8 +681,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/arms/_reading/urdf.py",
-        "mimic.offset += mimic.multiplier * leader.offset",
-        "mimic.offset += leader.offset",
+        "mimic.factor * above.offset + mimic.offset,",
+        "above.offset + mimic.offset,",
         "tests/arms/test_rigid_robots.py",
     ),
     Mutant(

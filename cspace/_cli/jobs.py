@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -172,8 +171,6 @@ def audit_lanes(folder: Path) -> object:
     return audit(map_flat(folder, 72), lanes)
 
 
-_HAS_ARMS: Final = find_spec("yourdfpy") is not None
-
 JOBS: Final[dict[str, Callable[[Path], object]]] = {
     "plan in the plane": plan_in_plane,
     "plan with a yaw": plan_with_yaw,
@@ -185,6 +182,7 @@ JOBS: Final[dict[str, Callable[[Path], object]]] = {
     "queries and updates": query_maps,
     "trajectories and gates": time_drives,
     "lanes and overlaps": audit_lanes,
-    **({"plan for an arm": plan_for_arm, "motions of an arm": move_arm} if _HAS_ARMS else {}),
+    "plan for an arm": plan_for_arm,
+    "motions of an arm": move_arm,
 }
 """Jobs by name; each takes the folder in which :func:`cspace._cli.demo.write_inputs` wrote."""

@@ -56,7 +56,7 @@ from cspace.inside import (
 
 if TYPE_CHECKING:
     from cspace.arms._reading.link_shapes import SolidMode
-    from cspace.arms._reading.urdf import PackageDirs, Srdf
+    from cspace.arms._reading.urdf import JointDescription, PackageDirs, RobotDescription, Srdf
     from cspace.arms._sphere_models import SphereModel
 
 Names = tuple[str, str]
@@ -248,8 +248,6 @@ class Arm:
             If a folder, link, joint or group does not exist, no joint moves, limits are missing,
             reversed or exceeded by a held joint, a joint below the base has another type, or no
             link has a collision geometry.
-        MissingPackageError
-            If yourdfpy is not installed.
         """
         from cspace.arms._reading.urdf import (
             Srdf,
@@ -266,7 +264,7 @@ class Arm:
         file = name_description(path)
         for argument, link in (("tip", tip), ("base", base)):
             if link is not None:
-                check_known(link, argument, urdf.link_map)
+                check_known(link, argument, urdf.links)
         if tip is not None and joints is not None:
             raise InputError(
                 "joints",
@@ -274,7 +272,8 @@ class Arm:
                 "both say which joints move",
             )
         base = base or root_link(urdf)
-        read_joints = [_read_joint(joint, file) for joint in _sort_joints(urdf.robot.joints, base)]
+        sorted_joints = _sort_joints(urdf.joints.values(), base)
+        read_joints = [_read_joint(joint, file) for joint in sorted_joints]
         joints_below = {joint.name: joint for joint in read_joints}
         semantics = Srdf({}, set(), {}, {}, set()) if srdf is None else read_srdf(srdf, urdf)
         chosen = None if joints is None else _choose_joints(joints, semantics.groups, joints_below)
@@ -1037,7 +1036,7 @@ def is_independent(joint: Joint) -> bool:
     return joint.kind != FIXED and joint.leader == joint.name
 
 
-def _read_joint(joint: Any, file: str) -> Joint:
+def _read_joint(joint: JointDescription, file: str) -> Joint:
     """Convert and check a joint; errors name it."""
     where = f"{file}: joint {joint.name!r}"
     if joint.type not in _JOINT_KINDS:
@@ -1048,11 +1047,9 @@ def _read_joint(joint: Any, file: str) -> Joint:
             f"pass base={joint.child!r}",
         )
     kind = _JOINT_KINDS[joint.type]
-    frame = np.eye(4) if joint.origin is None else check_rigid(joint.origin, f"{where}: origin")
-    ends = np.stack([np.zeros(3), frame[:3, 3]])
+    ends = np.stack([np.zeros(3), joint.frame[:3, 3]])
     warn_of_size(f"{where}: the way from its parent", ends)
-    axis = check_finite(joint.axis, f"{where}: axis")
-    velocity = getattr(joint.limit, "velocity", None) or 0.0
+    velocity = (joint.limits or {}).get("velocity", 0.0)
     if velocity < 0.0:
         raise InputError(f"{where}: velocity", f"is {velocity:g}", "a speed has no sign")
     # Continuous joints have no limits.
@@ -1067,16 +1064,14 @@ def _read_joint(joint: Any, file: str) -> Joint:
     factor = 1.0
     offset = 0.0
     if joint.mimic is not None and kind != FIXED:
-        leader = joint.mimic.joint
-        numbers = joint.mimic.multiplier, joint.mimic.offset
-        factor, offset = check_finite(numbers, f"{where}: mimic").tolist()
+        leader, factor, offset = joint.mimic
     return Joint(
         name=joint.name,
         kind=kind,
         parent=joint.parent,
         child=joint.child,
-        frame=frame,
-        axis=axis if kind == FIXED else axis / np.linalg.norm(axis),
+        frame=joint.frame,
+        axis=joint.axis if kind == FIXED else joint.axis / np.linalg.norm(joint.axis),
         lower=lower,
         upper=upper,
         leader=leader,
@@ -1086,47 +1081,43 @@ def _read_joint(joint: Any, file: str) -> Joint:
     )
 
 
-def _warn_of_unused_limits(joint: Any, where: str) -> None:
+def _warn_of_unused_limits(joint: JointDescription, where: str) -> None:
     """Warn of limits of a continuous joint, which do not count."""
-    limit = joint.limit
-    soft = joint.safety_controller
-    ranges = [
-        *([] if limit is None else [(limit.lower, limit.upper)]),
-        *([] if soft is None else [(soft.soft_lower_limit, soft.soft_upper_limit)]),
-    ]
-    for lower, upper in ranges:
+    hard = joint.limits or {}
+    soft = joint.soft_limits or {}
+    for lower, upper in (
+        (hard.get("lower", 0.0), hard.get("upper", 0.0)),
+        (soft.get("soft_lower_limit", 0.0), soft.get("soft_upper_limit", 0.0)),
+    ):
         # Often both are zero, or far enough apart for every angle.
-        if 0.0 < (upper or 0.0) - (lower or 0.0) < math.tau - LIMIT_SLACK:
+        if 0.0 < upper - lower < math.tau - LIMIT_SLACK:
             warn_user(
                 f"{where}: a continuous joint has no limits, so {lower} and {upper} do not count, "
                 "by the format"
             )
 
 
-def _read_limits(joint: Any, where: str) -> tuple[float, float]:
+def _read_limits(joint: JointDescription, where: str) -> tuple[float, float]:
     """Return a joint's limits, radians or metres.
 
     Raise InputError, which begins with ``where``, if limits are missing or reversed.
     """
-    limit = joint.limit
-    if limit is None:
+    limits = joint.limits
+    if limits is None:
         raise InputError(
             where,
             "has no limits",
             "revolute and prismatic joints have",
         )
-    if limit.lower is None and limit.upper is None:
+    if limits.keys().isdisjoint(("lower", "upper")):
         warn_user(
             f"{where}: <limit> has neither lower nor upper, which are zero then, by the format, so "
             "the joint does not move"
         )
-    lower = limit.lower or 0.0
-    upper = limit.upper or 0.0
     # Soft limits count if they are narrower, as for MoveIt.
-    soft = joint.safety_controller
-    if soft is not None:
-        lower = lower if soft.soft_lower_limit is None else max(lower, soft.soft_lower_limit)
-        upper = upper if soft.soft_upper_limit is None else min(upper, soft.soft_upper_limit)
+    soft = joint.soft_limits or {}
+    lower = max(limits.get("lower", 0.0), soft.get("soft_lower_limit", -math.inf))
+    upper = min(limits.get("upper", 0.0), soft.get("soft_upper_limit", math.inf))
     if lower > upper:
         raise InputError(
             f"{where}: limits",
@@ -1146,7 +1137,7 @@ class _ArmBuilder:
     def __init__(
         self,
         file: str,
-        urdf: Any,
+        urdf: RobotDescription,
         joints: Mapping[str, Joint],
         base: str,
         tip: str | None,
@@ -1209,7 +1200,7 @@ class _ArmBuilder:
         ]
         # JointValues are those of a whole robot, so they may also name joints that move.
         if isinstance(values, JointValues):
-            check_joint_values(values, "held_joints", self._urdf.joint_map)
+            check_joint_values(values, "held_joints", self._urdf.joints)
             values = {name: values[name] for name in still_names if name in values}
         given = check_joint_values(values, "held_joints", still_names)
         for name in still_names:
@@ -1265,7 +1256,7 @@ class _ArmBuilder:
         for group, members in srdf.groups.items():
             groups[group] = tuple(name for name in self._moving_names if name in members)
         return Arm(
-            name=str(self._urdf.robot.name),
+            name=self._urdf.name,
             joints=tuple(self._moving_names),
             lower=np.array([joint.lower for joint in moving]),
             upper=np.array([joint.upper for joint in moving]),
@@ -1278,9 +1269,9 @@ class _ArmBuilder:
             held_joints=self._held,
             placements=placements,
             carriers={},
-            _base_is_root=len(placements) == len(self._urdf.link_map),
+            _base_is_root=len(placements) == len(self._urdf.links),
             _followers=tuple(self._list_followers()),
-            _passive=frozenset(self._urdf.joint_map.keys() - {*self._moving_names, *self._held}),
+            _passive=frozenset(self._urdf.joints.keys() - {*self._moving_names, *self._held}),
             _never=srdf.never,
             _states=srdf.states,
         )
@@ -1392,16 +1383,16 @@ class _ArmBuilder:
         )
 
 
-def _sort_joints(joints: Iterable[Any], base: str) -> list[Any]:
+def _sort_joints(joints: Iterable[JointDescription], base: str) -> list[JointDescription]:
     """Return the joints below a link, depth first, then by name.
 
     So every body comes after its parent, in the order of urdfdom for MoveIt.
     """
     # The stack is read from its end, so the names are sorted in reverse.
-    joints_below: dict[str, list[Any]] = {}
+    joints_below: dict[str, list[JointDescription]] = {}
     for joint in sorted(joints, key=lambda joint: joint.name, reverse=True):
         joints_below.setdefault(joint.parent, []).append(joint)
-    order: list[Any] = []
+    order: list[JointDescription] = []
     pending = list(joints_below.get(base, ()))
     while pending:
         joint = pending.pop()

@@ -20,8 +20,6 @@ from cspace.arms import (
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.urdfs import joint, link, planar, pose_at, posed_box, write_urdf
 
-pytest.importorskip("yourdfpy")
-
 ZERO = (0.0, 0.0)
 CONTINUOUS = {"kind": "continuous", "limits": None}
 NEAR = posed_box((0.2, 0.2, 0.2), 1.5, 0.0)

@@ -29,8 +29,6 @@ from tests.helpers.urdfs import (
     write_urdf,
 )
 
-pytest.importorskip("yourdfpy")
-
 START, GOAL = (-0.6, 0.3), (1.4, -0.2)
 
 

@@ -20,8 +20,6 @@ from tests.helpers.refusals import refusals
 from tests.helpers.strategies import examples
 from tests.helpers.urdfs import collision, joint, link, planar, write_urdf
 
-pytest.importorskip("yourdfpy")
-
 NO_PAIRS = '<robot name="small"/>'
 """An SRDF, without which an arm looks for links that always touch, which takes long."""
 

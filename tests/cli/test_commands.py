@@ -350,7 +350,6 @@ def test_info_describes_cells_points_and_robots(room):
 @pytest.fixture(scope="module")
 def arm_file(tmp_path_factory):
     """Write an arm with a revolute, a continuous and a prismatic joint."""
-    pytest.importorskip("yourdfpy")
     bar = ((1.0, 0.1, 0.1), (0.5, 0, 0))
     return urdfs.write_urdf(
         tmp_path_factory.mktemp("arm"),

@@ -369,7 +369,6 @@ def test_options_that_do_not_go_together_are_refused(name, options, hint):
 
 
 def test_goals_of_an_arm_are_for_some_planners():
-    pytest.importorskip("yourdfpy")
     space = cspace.build_arm_space({}, planar_arm())
     goals = [(0.5, 0.5), (0.4, 0.3)]
     assert planners.plan(space, (0.0, 0.0), goals, planner="BKPIECE1", seed=1)
@@ -543,7 +542,6 @@ def plan_none():
 
 def read_arm_space(folder):
     """Build the space of an arm among nothing."""
-    pytest.importorskip("yourdfpy")
     return cspace.build_arm_space({}, planar_arm())
 
 

@@ -112,7 +112,6 @@ def test_a_motion_that_goes_on_passes_the_places_of_its_plan():
 
 
 def test_joints_pass_places_in_time(tmp_path):
-    pytest.importorskip("yourdfpy")
     space = cspace.build_arm_space({}, cspace.Arm.from_urdf(planar(tmp_path)))
     via = [(0.4, 0.2), (0.2, 0.5)]
     plan = planners.plan(space, (-0.6, 0.3), (1.0, -0.2), via=via)

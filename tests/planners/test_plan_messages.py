@@ -55,7 +55,6 @@ class TrajectoryOf1:
 @pytest.fixture(scope="module")
 def joint_plan(tmp_path_factory):
     """Plan for an arm whose joints are named like axes of the plane."""
-    pytest.importorskip("yourdfpy")
     path = planar(tmp_path_factory.mktemp("arm"))
     path.write_text(path.read_text().replace("shoulder", "x").replace("elbow", "y"))
     arm = cspace.Arm.from_urdf(path)

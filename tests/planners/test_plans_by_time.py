@@ -395,7 +395,6 @@ def test_objectives_and_speeds_that_do_not_go_together_are_refused(options, mess
 
 
 def test_arms_have_no_limits_of_places():
-    pytest.importorskip("yourdfpy")
     space = cspace.build_arm_space({}, planar_arm())
     check_refused(
         lambda: planners.plan(space, (0.0, 0.0), (0.5, 0.5), objective="time", speed=1.0),

@@ -10,8 +10,6 @@ from cspace.errors import InputError
 from cspace.plot.scene import GHOST_COLOR, PATH_COLOR, ROBOT_FILL_COLOR, CellClass
 from tests.helpers.urdfs import planar_arm, posed_box
 
-pytest.importorskip("yourdfpy")
-
 
 @pytest.fixture(scope="module")
 def space():

@@ -726,7 +726,6 @@ def forget(node):
 
 
 def test_a_controller_follows_an_arms_trajectory(node, tmp_path):
-    pytest.importorskip("yourdfpy")
     space = cspace.build_arm_space({"post": post()}, cspace.Arm.from_urdf(planar(tmp_path)))
     plan = planners.plan(space, (-0.6, 0.3), (1.4, -0.2), time_limit=10.0, seed=1)
     received = []

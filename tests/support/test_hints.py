@@ -341,7 +341,7 @@ def test_a_map_of_unknown_cells_says_so(tmp_path):
 
 def test_a_missing_package_is_installed_by_an_extra_that_exists():
     extras = tomllib.loads(Path("pyproject.toml").read_text())["project"]["optional-dependencies"]
-    for package, extra in (("yourdfpy", "urdf"), ("viser", "view"), ("finufft", "spectral")):
+    for package, extra in (("viser", "view"), ("finufft", "spectral")):
         with pytest.raises(MissingPackageError) as caught:
             import_optional(f"missing_{package}", "it is needed", extra)
         (named,) = re.findall(

@@ -27,7 +27,6 @@ from tests.helpers.urdfs import (
 from tests.helpers.waiting import until
 
 pytest.importorskip("viser")
-pytest.importorskip("yourdfpy")
 
 START = np.array([-0.6, 0.9])
 GOAL = np.array([2.0, -0.6])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, TypeAlias
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -22,8 +22,9 @@ from cspace.arms._reading.moveit_messages import (
     wrong_value,
 )
 from cspace.arms._reading.urdf import (
-    GEOMETRIES,
+    Collision,
     PackageDirs,
+    RobotDescription,
     find_meshes,
     fixed_links,
     load_urdf,
@@ -46,7 +47,6 @@ from cspace.inside import (
     Surface,
     check_finite,
     check_known,
-    check_point,
     check_positive,
     join_surfaces,
     primitives,
@@ -55,10 +55,6 @@ from cspace.inside import (
     warn_of_size,
     warn_user,
 )
-
-if TYPE_CHECKING:
-    from yourdfpy import URDF
-
 
 SolidMode: TypeAlias = Literal["auto", "surface"]
 """Parts of a link's mesh that are solid: its closed bodies, or none."""
@@ -107,8 +103,8 @@ def _read_surfaces(
     urdf = load_urdf(path, visuals, spheres)
     links = fixed_links(urdf) if link is None else check_names(link, "link")
     for name in links:
-        check_known(name, "link", urdf.link_map)
-    warn_of_visuals(urdf, urdf.link_map if link is None else links, file)
+        check_known(name, "link", urdf.links)
+    warn_of_visuals(urdf, urdf.links if link is None else links, file)
     # The bounds of all collision geometries, moved to the frame of the first link.
     outer_surfaces = []
     inner_surfaces = []
@@ -119,14 +115,14 @@ def _read_surfaces(
         # Solving by the first link's pose gives the pose relative to it.
         pose: Floats = np.linalg.solve(poses[links[0]], poses[name]).astype(np.float64)
         for place, collision in _iterate_collisions(urdf, name, file):
-            if not primitives and collision.geometry.mesh is None:
+            if not primitives and collision.kind != "mesh":
                 problem = (
                     f"is 'surface', and {place} is a box, a cylinder or a sphere, which is solid"
                 )
                 rule = "only a mesh can be a surface without an inside"
                 raise InputError("solid", problem, rule)
-            transform = pose @ _read_origin(collision, place)
-            outer, inner = _make_bounds(collision.geometry, meshes, place)
+            transform = pose @ collision.pose
+            outer, inner = _make_bounds(collision, meshes, place)
             outer_surfaces.append(transform_surface(outer, transform))
             inner_surfaces.append(transform_surface(inner, transform))
             is_curved |= inner is not outer
@@ -136,13 +132,13 @@ def _read_surfaces(
 
 
 def _check_shapes(
-    urdf: URDF, chosen: str | Sequence[str] | None, links: Sequence[str], file: str
+    urdf: RobotDescription, chosen: str | Sequence[str] | None, links: Sequence[str], file: str
 ) -> None:
     """Raise InputError if links have no collision geometry.
 
     Warns if links that move are left out, unless the user has chosen ``links``.
     """
-    with_geometry = [name for name in urdf.link_map if urdf.link_map[name].collisions]
+    with_geometry = [name for name in urdf.links if urdf.links[name].collisions]
     omitted = [name for name in with_geometry if name not in links]
     if len(omitted) == len(with_geometry):
         problem = f"is {', '.join(links) or 'empty'}"
@@ -153,21 +149,16 @@ def _check_shapes(
         warn_user(problem)
 
 
-def _iterate_collisions(urdf: URDF, link: str, file: str) -> Iterator[tuple[str, Any]]:
+def _iterate_collisions(
+    urdf: RobotDescription, link: str, file: str
+) -> Iterator[tuple[str, Collision]]:
     """Yield each collision geometry of a link, after its place for messages."""
-    for number, collision in enumerate(urdf.link_map[link].collisions):
+    for number, collision in enumerate(urdf.links[link].collisions):
         yield f"{file}: link {link!r}, collision {number}", collision
 
 
-def _read_origin(collision: Any, place: str) -> Floats:
-    """Return a collision geometry's pose in its link, shape (4, 4)."""
-    if collision.origin is None:
-        return np.eye(4)
-    return check_finite(collision.origin, f"{place}: origin")
-
-
 def link_shapes(
-    urdf: URDF,
+    urdf: RobotDescription,
     link: str,
     path: str | os.PathLike[str],
     meshes: Mapping[str, Path],
@@ -181,41 +172,38 @@ def link_shapes(
     Raises FileError if a mesh is malformed, and InputError if a size is not above zero.
     """
     for place, collision in _iterate_collisions(urdf, link, os.fspath(path)):
-        outer_surface, inner_surface = _make_bounds(collision.geometry, meshes, place)
-        solid_part = solid if collision.geometry.mesh is not None else "auto"
+        outer_surface, inner_surface = _make_bounds(collision, meshes, place)
+        solid_part = solid if collision.kind == "mesh" else "auto"
         outer = Mesh(*outer_surface, solid_part, place)
         outer.warn_if_open(fills=False)
-        if collision.geometry.mesh is None:
+        if collision.kind != "mesh":
             warn_of_size(place, outer_surface[0])
         shape: Shape = outer
         if inner_surface is not outer_surface:
             shape = outer.with_inner(make_mesh(inner_surface))
-        yield shape, _read_origin(collision, place)
+        yield shape, collision.pose
 
 
-def _make_bounds(geometry: Any, meshes: Mapping[str, Path], place: str) -> tuple[Surface, Surface]:
+def _make_bounds(
+    collision: Collision, meshes: Mapping[str, Path], place: str
+) -> tuple[Surface, Surface]:
     """Return an outer and an inner surface of a collision geometry, metres.
 
     They are the same object if the geometry is not curved.
     """
-    # One attribute of a geometry is its shape, and the others are None.
-    kind = next(name for name in GEOMETRIES if getattr(geometry, name) is not None)
-    shape = getattr(geometry, kind)
-    place = f"{place}: {kind}"
-    if kind == "mesh":
-        surface = _scale_mesh(meshes[str(shape.filename)], shape.scale, place, "y")
+    place = f"{place}: {collision.kind}"
+    if collision.kind == "mesh":
+        surface = _scale_mesh(meshes[collision.file], collision.sizes, place, "y")
         return surface, surface
-    if kind == "box":
-        sides = check_point(shape.size, f"{place}: size", 3).tolist()
-        for side in sides:
-            check_positive(side, f"{place}: size")
-        surface = primitives.box(sides).shape.outer.surface
+    for size in collision.sizes:
+        check_positive(size, f"{place}: size")
+    if collision.kind == "box":
+        surface = primitives.box(collision.sizes).shape.outer.surface
         return surface, surface
-    sizes = [check_positive(getattr(shape, name), f"{place}: {name}") for name in GEOMETRIES[kind]]
-    if kind == "cylinder":
-        solid = primitives.cylinder(*sizes).shape
+    if collision.kind == "cylinder":
+        solid = primitives.cylinder(*collision.sizes).shape
     else:
-        solid = primitives.capsule(sizes[0], 0.0).shape
+        solid = primitives.capsule(collision.sizes[0], 0.0).shape
     return solid.outer.surface, solid.inner.surface
 
 

@@ -5,9 +5,7 @@ SRDF files add allowed contacts, groups, named states and end effectors.
 
 from __future__ import annotations
 
-import io
 import itertools
-import logging
 import os
 from collections import Counter
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
@@ -15,10 +13,9 @@ from contextlib import suppress
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 from urllib.parse import unquote
-from xml.etree import ElementTree
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
@@ -32,13 +29,9 @@ from cspace.inside import (
     Ledger,
     StrPath,
     decoding,
-    import_optional,
     read_xml,
     warn_user,
 )
-
-if TYPE_CHECKING:
-    from yourdfpy import URDF
 
 _BRING_YOUR_FILE: Final = 'the page "Bring your file" says how'
 """Hint for files that other packages convert."""
@@ -156,23 +149,81 @@ PackageDirs: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[st
 """One folder, or several, that hold the folders of packages."""
 
 
+class Collision(NamedTuple):
+    """A collision geometry of a link.
+
+    Attributes
+    ----------
+    kind : str
+        One of the types of geometry.
+    sizes : list of float
+        Sides, or radius and length, metres; factors of a mesh's scale.
+    file : str
+        Name of a mesh; empty for others.
+    pose : ndarray of float64, shape (4, 4)
+        In the frame of the link.
+    """
+
+    kind: str
+    sizes: list[float]
+    file: str
+    pose: Floats
+
+
+class LinkDescription(NamedTuple):
+    """The geometries of a link."""
+
+    collisions: list[Collision]
+    is_drawn: bool  # whether it has visual geometry
+
+
+class Mimic(NamedTuple):
+    """The rule by which a joint follows another one."""
+
+    leader: str
+    factor: float
+    offset: float  # radians or metres
+
+
+class JointDescription(NamedTuple):
+    """A joint of a URDF.
+
+    ``limits`` and ``soft_limits`` have the numbers of `limit` and `safety_controller`, radians or
+    metres and their speeds, by attribute; they are None without the element.
+    """
+
+    name: str
+    type: str
+    parent: str
+    child: str
+    frame: Floats  # on its parent link, (4, 4)
+    axis: Floats  # of any length, (3,)
+    limits: dict[str, float] | None
+    soft_limits: dict[str, float] | None
+    mimic: Mimic | None
+
+
+class RobotDescription(NamedTuple):
+    """The content of a URDF, by names of links and joints in the order of the file."""
+
+    name: str
+    links: dict[str, LinkDescription]
+    joints: dict[str, JointDescription]
+
+
 def load_urdf(
     path: str | os.PathLike[str],
     visuals: bool = False,
     spheres: str | os.PathLike[str] | None = None,
-) -> URDF:
-    """Load a URDF with yourdfpy.
+) -> RobotDescription:
+    """Read a URDF.
 
-    Its structure is checked first, because yourdfpy assumes that it is right. With ``visuals``, the
-    visual geometry of a link without collision geometry becomes its collision geometry. A file of
-    ``spheres`` replaces the collision geometry of the links that it names. A joint
-    that mimics a mimicking joint mimics the leader of that joint instead.
+    With ``visuals``, the visual geometry of a link without collision geometry becomes its collision
+    geometry. A file of ``spheres`` replaces the collision geometry of the links that it names. A
+    joint that mimics a mimicking joint mimics the leader of that joint instead.
 
-    Raises MissingPackageError without yourdfpy, and FileError if the file is missing or malformed.
+    Raises FileError if the file is missing or malformed.
     """
-    yourdfpy = import_optional("yourdfpy", "URDF files are read with it", "urdf")
-    # Silence its log, because the errors here give the same reasons.
-    logging.getLogger("yourdfpy").addHandler(logging.NullHandler())
     links = {} if spheres is None else read_spheres(spheres)
     root, path = _read_robot(path, _URDF_KIND), name_description(path)
     with decoding(path, _URDF_KIND):
@@ -183,20 +234,72 @@ def load_urdf(
                 f"{', '.join(sorted(unknown))}"
             )
         replace_geometry(root, links)
-        root.set("name", root.get("name", Path(path).stem))
         _choose_geometry(root, visuals)
         noted = _check_robot(root)
         _check_single_parts(root)
         ledger = _open_elements(root, FIELDS[0], _PARTS)
-        plain = io.BytesIO(ElementTree.tostring(root))
-        # Omit its scene graphs, because they take cubic time for a long chain of links.
-        urdf: URDF = yourdfpy.URDF.load(
-            plain, load_meshes=False, build_scene_graph=False, build_collision_scene_graph=False
+        joints = {_get_attribute(each, "name"): _read_joint(each) for each in root.findall("joint")}
+        description = RobotDescription(
+            root.get("name", Path(path).stem),
+            {_get_attribute(each, "name"): _read_link(each) for each in root.findall("link")},
+            _shorten_mimic_chains(joints),
         )
-        _shorten_mimic_chains(urdf)
     ledger.noted = noted
     ledger.close(os.fspath(path))
-    return urdf
+    return description
+
+
+def _read_link(link: Element) -> LinkDescription:
+    """Read the geometries of a link whose numbers are checked."""
+    collisions = []
+    for collision in link.findall("collision"):
+        (shape,) = collision.iterfind("geometry/*")
+        names = ("scale",) if shape.tag == "mesh" else GEOMETRIES[shape.tag]
+        sizes = [number for name in names for number in parse_numbers(shape.get(name, "1"))]
+        file = shape.get("filename", "")
+        collisions.append(Collision(shape.tag, sizes, file, _read_origin(collision)))
+    return LinkDescription(collisions, link.find("visual") is not None)
+
+
+def _read_joint(joint: Element) -> JointDescription:
+    """Read a joint whose numbers are checked."""
+    mimic = joint.find("mimic")
+    return JointDescription(
+        name=_get_attribute(joint, "name"),
+        type=_get_attribute(joint, "type"),
+        parent=str(_read_attribute(joint, "parent", "link")),
+        child=str(_read_attribute(joint, "child", "link")),
+        frame=_read_origin(joint),
+        axis=np.array(parse_numbers(_read_attribute(joint, "axis", "xyz") or "1 0 0")),
+        limits=_read_numbers(joint.find("limit")),
+        soft_limits=_read_numbers(joint.find("safety_controller")),
+        mimic=None
+        if mimic is None
+        else Mimic(
+            _get_attribute(mimic, "joint"),
+            float(mimic.get("multiplier", 1.0)),
+            float(mimic.get("offset", 0.0)),
+        ),
+    )
+
+
+def _read_origin(element: Element) -> Floats:
+    """Return the pose (4, 4) of a joint or a collision geometry."""
+    from scipy.spatial.transform import Rotation
+
+    angles = parse_numbers(_read_attribute(element, "origin", "rpy") or "0 0 0")
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_euler("xyz", angles).as_matrix()
+    pose[:3, 3] = parse_numbers(_read_attribute(element, "origin", "xyz") or "0 0 0")
+    return pose
+
+
+def _read_numbers(element: Element | None) -> dict[str, float] | None:
+    """Return the numbers of an element by attribute, or None without the element."""
+    if element is None:
+        return None
+    names = _NUMBERS_PER_ATTRIBUTE[element.tag].keys() & element.keys()
+    return {name: float(element.attrib[name]) for name in names}
 
 
 def name_description(source: object) -> str:
@@ -226,52 +329,58 @@ def _read_robot(source: StrPath, kind: str) -> Element:
 
 
 def _choose_geometry(root: Element, visuals: bool) -> None:
-    """Keep visual geometry only in links without collision geometry.
+    """Leave out visual geometry.
 
-    With ``visuals``, it becomes their collision geometry.
+    With ``visuals``, it becomes the collision geometry of links that have none.
     """
     for link in root.findall("link"):
-        if link.find("collision") is not None:
-            link[:] = [part for part in link if part.tag != "visual"]
+        is_solid = link.find("collision") is not None
         for visual in link.findall("visual"):
-            if visuals:
+            if visuals and not is_solid:
                 visual.tag = "collision"
-            else:  # a box instead of a shape that yourdfpy may not know
-                geometry = Element("geometry")
-                SubElement(geometry, "box", size="1 1 1")
-                visual[:] = [geometry]
+            else:
+                visual.clear()
 
 
-def _shorten_mimic_chains(urdf: URDF) -> None:
-    """Let each joint mimic a joint that mimics no other.
+def _shorten_mimic_chains(joints: Mapping[str, JointDescription]) -> dict[str, JointDescription]:
+    """Return joints that each mimic a joint which mimics no other.
 
     Raises ContentError if joints mimic each other in a loop.
     """
     mimics = {
-        joint.name: joint.mimic
-        for joint in urdf.robot.joints
+        name: joint.mimic
+        for name, joint in joints.items()
         if joint.mimic is not None and joint.type in _MOVING_TYPES
     }
-    leaders = {name: [mimic.joint] for name, mimic in mimics.items()}
     try:
-        order = list(TopologicalSorter(leaders).static_order())
+        order = list(
+            TopologicalSorter({k: [each.leader] for k, each in mimics.items()}).static_order()
+        )
     except CycleError as error:
         _, (name, *_) = error.args  # the message, and the joints of the loop
         problem = f"has the joint {name!r}, which mimics itself"
         raise ContentError(problem, "it must mimic another joint") from error
     for name in order:  # leaders come first
         mimic = mimics.get(name)
-        leader = mimics.get(mimic.joint) if mimic is not None else None
-        if mimic is not None and leader is not None:
-            mimic.joint = leader.joint
-            mimic.offset += mimic.multiplier * leader.offset
-            mimic.multiplier *= leader.multiplier
+        above = mimics.get(mimic.leader) if mimic is not None else None
+        if mimic is not None and above is not None:
+            mimics[name] = Mimic(
+                above.leader,
+                mimic.factor * above.factor,
+                mimic.factor * above.offset + mimic.offset,
+            )
+    return {
+        name: each._replace(mimic=mimics.get(name, each.mimic)) for name, each in joints.items()
+    }
 
 
-def warn_of_visuals(urdf: URDF, links: Iterable[str], path: str | os.PathLike[str]) -> None:
+def warn_of_visuals(
+    urdf: RobotDescription, links: Iterable[str], path: str | os.PathLike[str]
+) -> None:
     """Warn of links with visual but without collision geometry."""
-    shown = [link for link in map(urdf.link_map.get, links) if link is not None]
-    names = [str(link.name) for link in shown if link.visuals and not link.collisions]
+    names = [
+        name for name in links if urdf.links[name].is_drawn and not urdf.links[name].collisions
+    ]
     if names:
         warn_user(
             f"{os.fspath(path)}: <visual> but no <collision> at {', '.join(names)}; no proof "
@@ -280,7 +389,10 @@ def warn_of_visuals(urdf: URDF, links: Iterable[str], path: str | os.PathLike[st
 
 
 def find_meshes(
-    urdf: URDF, links: Iterable[str], path: str | os.PathLike[str], package_dirs: Sequence[Path]
+    urdf: RobotDescription,
+    links: Iterable[str],
+    path: str | os.PathLike[str],
+    package_dirs: Sequence[Path],
 ) -> dict[str, Path]:
     """Find the mesh files of links, by name.
 
@@ -291,10 +403,9 @@ def find_meshes(
     """
     places: dict[str, str] = {}
     for link in links:
-        for number, collision in enumerate(urdf.link_map[link].collisions):
-            mesh = collision.geometry.mesh
-            if mesh is not None:
-                places.setdefault(str(mesh.filename), f"link {link!r}, collision {number}")
+        for number, collision in enumerate(urdf.links[link].collisions):
+            if collision.kind == "mesh":
+                places.setdefault(collision.file, f"link {link!r}, collision {number}")
     return locate_meshes(places, path, package_dirs)
 
 
@@ -363,7 +474,7 @@ def _check_expanded(root: Element) -> None:
 
 
 def _check_robot(root: Element) -> _Places:
-    """Refuse a URDF that yourdfpy would misread; return its angles and speeds.
+    """Refuse malformed links and joints; return their angles and speeds.
 
     Raises ContentError.
     """
@@ -403,7 +514,6 @@ def _find_parents(root: Element, links: set[str]) -> dict[str, str]:
 
     Refuses joints of unknown links or without an axis, and links with two parents.
     """
-    # yourdfpy checks none of this.
     parents: dict[str, str] = {}
     for joint in root.findall("joint"):
         name = joint.get("name")
@@ -498,21 +608,21 @@ def _check_geometry(geometry: Element | None, place: str) -> None:
             raise ContentError(problem, "it must be there")
 
 
-def root_link(urdf: URDF) -> str:
+def root_link(urdf: RobotDescription) -> str:
     """Return the link without a parent."""
-    children = {joint.child for joint in urdf.robot.joints}
-    return next(str(name) for name in urdf.link_map if name not in children)
+    children = {joint.child for joint in urdf.joints.values()}
+    return next(name for name in urdf.links if name not in children)
 
 
-def _list_child_joints(urdf: URDF) -> dict[str, list[Any]]:
+def _list_child_joints(urdf: RobotDescription) -> dict[str, list[JointDescription]]:
     """List the joints that each link carries."""
-    below: dict[str, list[Any]] = {name: [] for name in urdf.link_map}
-    for joint in urdf.robot.joints:
+    below: dict[str, list[JointDescription]] = {name: [] for name in urdf.links}
+    for joint in urdf.joints.values():
         below[joint.parent].append(joint)
     return below
 
 
-def fixed_links(urdf: URDF) -> list[str]:
+def fixed_links(urdf: RobotDescription) -> list[str]:
     """List the links that are fixed to the root.
 
     The root comes first.
@@ -524,7 +634,7 @@ def fixed_links(urdf: URDF) -> list[str]:
     return rigid
 
 
-def zero_poses(urdf: URDF) -> dict[str, Floats]:
+def zero_poses(urdf: RobotDescription) -> dict[str, Floats]:
     """Return the pose of each link at zero joints.
 
     Poses are matrices, shape (4, 4), relative to the root. A joint that mimics another one is at
@@ -536,9 +646,7 @@ def zero_poses(urdf: URDF) -> dict[str, Floats]:
     order = [root]
     for name in order:  # the list grows in the loop
         for joint in below[name]:
-            pose = poses[name]
-            if joint.origin is not None:
-                pose = pose @ joint.origin
+            pose = poses[name] @ joint.frame
             # The joint that it mimics is at zero, so it moves by its offset.
             if joint.mimic is not None and joint.type in _MOVING_TYPES:
                 displacement = joint.mimic.offset * joint.axis / np.linalg.norm(joint.axis)
@@ -726,7 +834,7 @@ class Srdf(NamedTuple):
     passive_joints: set[str]
 
 
-def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
+def read_srdf(path: str | os.PathLike[str], urdf: RobotDescription) -> Srdf:
     """Read the SRDF of a robot.
 
     Elements that name unknown links or joints are skipped, and so are pairs with a link without
@@ -736,10 +844,10 @@ def read_srdf(path: str | os.PathLike[str], urdf: URDF) -> Srdf:
     """
     root, path = _read_robot(path, _SRDF_KIND), name_description(path)
     with decoding(path, _SRDF_KIND):
-        if root.get("name", urdf.robot.name) != urdf.robot.name:
+        if root.get("name", urdf.name) != urdf.name:
             warn_user(
                 f"{os.fspath(path)}: describes the robot {root.get('name')!r:.60}, and the URDF "
-                f"{urdf.robot.name!r:.60}"
+                f"{urdf.name!r:.60}"
             )
         ledger = _open_elements(root, FIELDS[1], _SRDF_PARTS)
         reader = _Reader(root, urdf)
@@ -772,12 +880,12 @@ class _Reader:
     ``unknown`` holds names that the URDF lacks, ``bare`` links without collision geometry.
     """
 
-    def __init__(self, root: Element, urdf: URDF) -> None:
+    def __init__(self, root: Element, urdf: RobotDescription) -> None:
         """List the links and joints of the robot, virtual joints included."""
         self._root = root
-        self._links = urdf.link_map
-        self._joint_above = {joint.child: joint for joint in urdf.robot.joints}
-        self._joint_types = {joint.name: joint.type for joint in urdf.robot.joints}
+        self._links = urdf.links
+        self._joint_above = {joint.child: joint for joint in urdf.joints.values()}
+        self._joint_types = {name: joint.type for name, joint in urdf.joints.items()}
         for joint in root.iter("virtual_joint"):
             self._joint_types[_get_attribute(joint, "name")] = "virtual"
         self.angles: _Places = []
@@ -856,7 +964,11 @@ class _Reader:
                     # Joints above both ends are not between them.
                     joints |= self._list_joints_above(base) ^ self._list_joints_above(tip)
                 continue
-            known_names = {"joint": self._joint_types, "link": self._links, "group": inner}
+            known_names: dict[str, Container[str]] = {
+                "joint": self._joint_types,
+                "link": self._links,
+                "group": inner,
+            }
             if member.tag not in known_names:
                 continue
             member_name = _get_attribute(member, "name")
