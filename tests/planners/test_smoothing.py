@@ -4,7 +4,6 @@ Oracles: shapely places the robot among the occupied cells, positions are differ
 configurations are tested one by one.
 """
 
-import copy
 import dataclasses
 import math
 
@@ -29,7 +28,6 @@ from tests.helpers.motions import (
     TURNING_LIMITS,
     build_plan,
     check_limits,
-    differentiate,
     make_limits,
     replace_rows,
     sample_evenly,
@@ -223,33 +221,6 @@ def test_small_lateral_limit_slows_a_differential_drive():
     _, velocities, _ = trajectory.sample(t)
     lateral = np.linalg.norm(velocities[:, :2], axis=1) * np.abs(velocities[:, 2])
     assert lateral.max() <= SLACK * 0.1
-
-
-def test_obstacle_on_the_curve_is_found_by_recheck():
-    shared = build_plan(1, "holonomic", None)
-    space = copy.copy(shared.space)
-    plan = dataclasses.replace(shared, space=space)
-    trajectory = plan.trajectory(**LIMITS)
-    x, y = trajectory.sample(0.5 * trajectory.duration)[0]
-    space.add_obstacle("cart", shapely.box(x - 0.1, y - 0.1, x + 0.1, y + 0.1))
-    free = trajectory.recheck(space)
-    assert not free.all()
-    assert free[0]
-    assert not plan.trajectory(**LIMITS).certified
-
-
-def test_arm_blends_are_free_and_within_limits():
-    space = space_of()
-    plan = planners.plan(space, (-0.6, 0.3), (1.4, -0.2), seed=1, time_limit=5.0)
-    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=2.0)
-    t = np.linspace(0.0, trajectory.duration, 2001)
-    (_, velocities, accelerations), differences, _ = differentiate(trajectory, t, 1e-6)
-    assert trajectory.certified
-    assert np.abs(differences - velocities).max() < 1e-4
-    assert np.abs(velocities).max() <= SLACK
-    assert np.abs(accelerations).max() <= SLACK * 2.0
-    stopping = plan.trajectory(max_velocity=1.0, max_acceleration=2.0, blend=False)
-    assert trajectory.duration <= stopping.duration
 
 
 def draw_curves(rng, count, drives):
