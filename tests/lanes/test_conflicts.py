@@ -23,7 +23,8 @@ from tests.helpers.handmade import build_empty
 from tests.helpers.refusals import check_refused, refusals
 from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import examples, few
-from tests.lanes.test_graph_files import ARC, ENTRY, edit, write
+from tests.lanes.test_graph_files import ENTRY, edit, write
+from tests.lanes.test_reports import open_arc, open_order
 
 SHAPES = {
     "arrow": [(0.4, 0.2), (-0.3, 0.25), (-0.3, -0.2), (0.4, -0.2)],
@@ -151,35 +152,6 @@ def check_touch(found, graphs, polygons, row):
     assert shapely.distance(placed[0], shapely.Point(row.at)) <= found.margin / 2 + 1e-9
 
 
-@pytest.mark.parametrize("number", few([2, 60]))
-def test_witnesses_beside_long_chords_stand_on_their_elements(spaces, tmp_path, number):
-    """Such a curve is tried at its ends alone, which may be far from a place of both robots."""
-    for seed in range(36, 36 + number):
-        rng = np.random.default_rng(seed)
-        start, _ = rng.uniform(1.0, 5.0, (2, 2))
-        length, angle = rng.uniform([1.5, -3.0], [3.5, 3.0])
-        end = start + length * np.array([math.cos(angle), math.sin(angle)])
-        ends = [{"x": x, "y": y} for x, y in (start.tolist(), end.tolist())]
-        nodes = [{"nodeId": name, "nodePosition": at} for name, at in zip("ab", ends, strict=True)]
-        chord = {"degree": 1, "knotVector": [0, 0, 1, 1], "controlPoints": ends}
-        edge = {"edgeId": "e", "startNodeId": "a", "endNodeId": "b", "trajectory": chord}
-        if rng.random() < 0.6:
-            edge["orientation"] = float(rng.uniform(-3.0, 3.0))
-            edge["rotationAllowed"] = bool(rng.random() < 0.5)
-        file = write(tmp_path, "order.json", {"nodes": nodes, "edges": [edge]})
-        one, other = rng.choice(list(SHAPES), 2)
-        found = cspace.lanes.conflicts(
-            spaces[one],
-            RouteGraph.open(file),
-            others={"b": (spaces[other], draw_graph(rng))},
-            margin=float(rng.choice([0.0, 0.15])),
-        )
-        for row in found.pairs:
-            for name, pose in zip((row.first, row.second), row.poses or (), strict=bool(row.poses)):
-                polygon = SHAPES[other if found.elements[name].robot else one]
-                assert found.outlines[name].covers(place(shapely.Polygon(polygon), pose))
-
-
 @examples(150)
 @given(
     angle=st.floats(-math.pi, math.pi),
@@ -222,24 +194,6 @@ def test_corners_that_meet_exactly_are_never_apart(numbers, pull):
     assert row.verdict == ("apart" if gap > 0 else "touch" if gap < 0 else "undecided")
 
 
-@pytest.mark.parametrize("rounds", few([3, 8]))
-def test_larger_distances_and_robots_never_part_what_touches(spaces, rounds):
-    rng = np.random.default_rng(2)
-    grown = build("arrow", margin=0.05)
-    for _ in range(rounds):
-        graph = draw_graph(rng)
-        found = [
-            cspace.lanes.conflicts(spaces["arrow"], graph),
-            cspace.lanes.conflicts(spaces["arrow"], graph, margin=0.1),
-            cspace.lanes.conflicts(grown, graph),
-        ]
-        for row in found[0].pairs:
-            assert found[1].between(row.first, row.second).verdict != "apart"
-            assert found[2].between(row.first, row.second).verdict != "apart"
-        # Two margins of 5 cm count as a distance of 10 cm.
-        assert found[1].counts == found[2].counts
-
-
 def test_verdicts_are_symmetric_and_an_element_touches_itself(spaces):
     rng = np.random.default_rng(3)
     graph, other = draw_graph(rng), draw_graph(rng)
@@ -254,6 +208,9 @@ def test_verdicts_are_symmetric_and_an_element_touches_itself(spaces):
         row = one.between(name, name)
         assert row.verdict == "touch"
         assert row.poses[0] == row.poses[1]
+    # Two margins of 5 cm count as a distance of 10 cm.
+    grown = cspace.lanes.conflicts(build("arrow", margin=0.05), graph)
+    assert grown.counts == cspace.lanes.conflicts(spaces["arrow"], graph, margin=0.1).counts
 
 
 def test_round_robots_and_discs_have_their_exact_size():
@@ -351,16 +308,8 @@ def test_a_corner_is_turned_the_shorter_way_and_half_a_turn_both_ways(
     before = np.subtract(corner, (math.cos(first), math.sin(first)))
     after = np.add(corner, (math.cos(last), math.sin(last)))
     points = [{"x": float(x), "y": float(y)} for x, y in (before, corner, after)]
-    nodes = [{"nodeId": "a", "nodePosition": points[0]}, {"nodeId": "b", "nodePosition": points[2]}]
-    edge = {
-        "edgeId": "lane",
-        "startNodeId": "a",
-        "endNodeId": "b",
-        "orientation": 0.0,
-        "rotationAllowed": False,
-        "trajectory": {"degree": 1, "knotVector": [0, 0, 1, 2, 2], "controlPoints": points},
-    }
-    graph = RouteGraph.open(write(tmp_path, "o.json", {"nodes": nodes, "edges": [edge]}))
+    drawn = {"degree": 1, "knotVector": [0, 0, 1, 2, 2], "controlPoints": points}
+    graph = open_order(tmp_path, before, after, trajectory=drawn)
     middle = first + 0.5 * math.remainder(last - first, math.tau)
     places = [
         corner + 0.9 * np.array([math.cos(yaw), math.sin(yaw)])
@@ -368,7 +317,7 @@ def test_a_corner_is_turned_the_shorter_way_and_half_a_turn_both_ways(
     ]
     others = {"cart": (build("disc:0.1", rotations=None), RouteGraph.from_arrays(places, []))}
     found = cspace.lanes.conflicts(build(robot), graph, others=others)
-    verdicts = [found.between("lane: a to b", f"cart node {k}").verdict for k in range(2)]
+    verdicts = [found.between("e: a to b", f"cart node {k}").verdict for k in range(2)]
     assert verdicts == ["touch"] * touched + ["apart"] * (2 - touched)
     # The audit finds a post on each way that the robot may turn.
     for k, place in enumerate(places):
@@ -398,48 +347,26 @@ def test_a_curve_at_any_yaw_sweeps_a_disc_at_once(spaces, tmp_path, monkeypatch)
 
 
 def test_curves_and_deviations_count_as_the_audit_counts_them(tmp_path):
-    space = build("rect:0.4x0.2")
-    arc = [{**point, "x": point["x"] + 1, "y": point["y"] + 1} for point in ARC["controlPoints"]]
-
-    def order(radius, **corridor):
-        """Return a quarter of a circle around (1, 1), and a node on the way at a radius."""
-        places = {"a": (2, 1), "b": (1, 2), "c": (1 + radius * 0.6, 1 + radius * 0.8)}
-        nodes = [
-            {"nodeId": name, "nodePosition": {"x": x, "y": y}} for name, (x, y) in places.items()
-        ]
-        edge = {
-            "edgeId": "arc",
-            "startNodeId": "a",
-            "endNodeId": "b",
-            "orientation": 0.0,
-            "rotationAllowed": False,
-            "trajectory": {**ARC, "controlPoints": arc},
-            **corridor,
-        }
-        document = {"nodes": nodes, "edges": [edge]}
-        return RouteGraph.open(write(tmp_path, "order.json", document))
-
+    space, disc = build("rect:0.4x0.2"), build("disc:0.05", rotations=None)
+    box = shapely.box(-0.2, -0.1, 0.2, 0.1)
     corridor = {"corridor": {"leftWidth": 0.2, "rightWidth": 0.1}}
-    disc = build("disc:0.05", rotations=None)
     outer = math.hypot(1.1, 0.2) + 0.05
     for radius, verdict in ((outer - 0.01, "touch"), (outer + 0.01, "apart")):
         for more, extra in ((0.0, {}), (0.2, corridor)):
-            graph = order(radius + more, **extra)
-            pair = (disc, RouteGraph.from_arrays([graph.positions[2]], []))
-            found = cspace.lanes.conflicts(space, graph, others={"disc": pair})
-            row = found.between("arc: a to b", "disc node 0")
+            spot = 1.0 + (radius + more) * np.array([0.6, 0.8])
+            others = {"disc": (disc, RouteGraph.from_arrays([spot], []))}
+            found = cspace.lanes.conflicts(space, open_arc(tmp_path, **extra), others=others)
+            row = found.between("e: a to b", "disc node 0")
             assert row.verdict == verdict, (radius, more)
             if verdict == "touch":
-                x, y, yaw = row.poses[0]
-                body = place(shapely.box(-0.2, -0.1, 0.2, 0.1), (x, y, yaw))
-                assert body.distance(shapely.Point(graph.positions[2])) <= 0.05 + 1e-12
+                x, y, _ = row.poses[0]
+                assert place(box, row.poses[0]).distance(shapely.Point(spot)) <= 0.05 + 1e-12
                 assert abs(math.hypot(x - 1, y - 1) - 1.0) <= more + 1e-6
     # The polygon of the outline holds the robot all along the circle.
-    outline = cspace.lanes.conflicts(space, order(3.0)).outlines["arc: a to b"]
-    for angle in np.linspace(0.0, math.pi / 2, 500):
-        x, y = 1 + math.cos(angle), 1 + math.sin(angle)
-        body = place(shapely.box(-0.2, -0.1, 0.2, 0.1), (x, y, angle + math.pi / 2))
-        assert outline.covers(body)
+    outline = cspace.lanes.conflicts(space, open_arc(tmp_path)).outlines["e: a to b"]
+    angles = np.linspace(0.0, math.pi / 2, 500)
+    poses = np.column_stack([1 + np.cos(angles), 1 + np.sin(angles), angles + math.pi / 2])
+    assert outline.covers(place_polygon(box, poses)).all()
 
 
 @pytest.mark.parametrize("number", few([2, 30]))
@@ -566,19 +493,6 @@ def open_two_lanes(folder, gap):
     file = folder / "lanes.geojson"
     file.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
     return RouteGraph.open(file)
-
-
-def test_undecided_pairs_with_a_common_node_have_an_entry():
-    """Outlines that only a margin joins share no area, so their place is marked."""
-    space = build_empty((60, 40), cspace.Robot.rectangle(0.6, 0.4), 0.1, rotations=16)
-    nodes = [(1.0, 2.0), (3.0, 2.0), (5.0, 2.0)]
-    graph = RouteGraph.from_arrays(nodes, [(0, 1), (1, 2)])
-    found = cspace.lanes.conflicts(space, graph)
-    row = found.pairs[0]._replace(verdict="undecided", shares_node=True)
-    outlines = {**found.outlines, row.first: shapely.Polygon()}
-    found = replace(found, pairs=[row], outlines=outlines)
-    labels = [text.get_text() for text in found.plot().figure.legends[0].get_texts()]
-    assert "1 undecided, with a common node" in labels
 
 
 def test_pictures_of_tall_maps_have_whole_titles_and_all_verdicts(tmp_path):

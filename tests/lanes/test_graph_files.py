@@ -426,6 +426,7 @@ def test_damaged_files_name_the_element(name, path, value, text, tmp_path):
         ("rmf.yaml", ("levels", "L1", "vertices", 0, 2, "yaw"), "yaw (vertex)"),
         ("rmf.yaml", (*LANES, 2, "curvature"), "curvature (lane)"),
         ("lif.json", ("layouts", 0, "layoutFrame"), "layoutFrame (layout)"),
+        ("lif.json", ("metaInformation", "units"), "units (metaInformation)"),
         ("lif.json", (*ENTRY, "loadRestriction"), "loadRestriction (vehicleTypeEdgeProperties)"),
         ("lif.json", (*POINTS, 1, "z"), "z (control point)"),
         ("order.json", ("edges", 0, "maxHeight"), "maxHeight (edge)"),
@@ -702,28 +703,8 @@ def test_wrong_arguments_are_refused_in_one_line(call, message):
     ],
 )
 def test_the_orientation_on_an_edge_is_read_in_every_version(tmp_path, version, rule, turns):
-    def make_node(name, number, x):
-        place = {"x": x, "y": 2.0, "mapId": "m"}
-        node = {"nodeId": name, "sequenceId": number, "released": True, "actions": []}
-        return node | {"nodePosition": place}
-
-    edge = {"edgeId": "e", "sequenceId": 1, "released": True, "actions": [], "orientation": 0.0}
-    edge |= {"startNodeId": "a", "endNodeId": "b"} | rule
-    order = {"version": version, "orderId": "o", "edges": [edge]}
-    order["nodes"] = [make_node("a", 0, 2.0), make_node("b", 2, 8.0)]
-    (tmp_path / "order.json").write_text(json.dumps(order))
+    edge = {"edgeId": "e", "startNodeId": "a", "endNodeId": "b", "orientation": 0.0} | rule
+    order = edit("order.json", ("edges",), [edge]) | {"version": version}
     with warnings.catch_warnings(action="error"):
-        lane = RouteGraph.open(tmp_path / "order.json").lanes[0]
+        (lane,) = RouteGraph.open(write(tmp_path, "order.json", order)).lanes
     assert lane.heading.frame == ("any" if turns else "lane")
-
-
-def test_units_of_lif_are_warned_of(tmp_path):
-    nodes = [
-        {"nodeId": name, "nodePosition": {"x": x, "y": 0.0}} for name, x in (("a", 0), ("b", 9))
-    ]
-    edges = [{"edgeId": "e", "startNodeId": "a", "endNodeId": "b"}]
-    meta = {"projectIdentification": "p", "creator": "c", "lifVersion": "1.0.0", "units": "mm"}
-    layout = {"layoutId": "l", "nodes": nodes, "edges": edges, "stations": []}
-    (tmp_path / "l.json").write_text(json.dumps({"metaInformation": meta, "layouts": [layout]}))
-    with pytest.warns(UserWarning, match=r"not read: units \(metaInformation\)"):
-        RouteGraph.open(tmp_path / "l.json")

@@ -1,6 +1,7 @@
 """Audits of random route graphs of lanes and curves, against what shapely sweeps."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -103,7 +104,10 @@ def draw_graph(rng, space):
             lane = lane._replace(legs=cut_nurbs(2, CURVE_KNOTS, points, np.ones(3)))
         deviation = float(rng.choice([0.0, 0.0, 0.05]))
         lanes.append(lane._replace(deviation=deviation))
-    return RouteGraph(graph.names, graph.positions, tuple(lanes), graph.yaws), controls
+    graph = RouteGraph(graph.names, graph.positions, tuple(lanes), graph.yaws)
+    widths = rng.choice([0.0, 0.0, 0.02, 0.3, 2.0, 3.0], count)
+    given = {name: width for name, width in zip(graph.names, widths.tolist(), strict=True) if width}
+    return replace(graph, yaw_deviations=given), controls
 
 
 def list_poses(rng, graph, lane, controls):
@@ -129,10 +133,12 @@ def list_poses(rng, graph, lane, controls):
         if lane.heading.frame == "any":
             continue
         for node, yaw in ((lane.start, yaws[0]), (lane.end, yaws[-1])):
-            turn = math.remainder(graph.yaws[node] - yaw, math.tau)
-            for share in rng.uniform(0.0, 1.0, 0 if math.isnan(turn) else 5):
+            width = graph.yaw_deviations.get(graph.names[node], 0.0)
+            given = graph.yaws[node] + rng.uniform(-width, width, 5)
+            for share, last in zip(rng.uniform(0.0, 1.0, 5), given, strict=True):
+                turn = math.remainder(last - yaw, math.tau)
                 pose = (*(graph.positions[node] + aside), yaw + share * turn)
-                yield pose, pose
+                yield from [] if math.isnan(turn) else [(pose, pose)]
 
 
 def list_rules(rng, graph, lane):
