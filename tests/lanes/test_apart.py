@@ -306,7 +306,7 @@ def test_things_on_the_tangent_of_an_arc_are_met():
         radius, angle, share = rng.uniform((1.5, 2.0, 0.2), (2.5, 3.0, 0.8))
         goal = 4.0 + radius * math.sin(angle), 2.0 + radius * (1.0 - math.cos(angle)), angle
         plan = planners.plan(space, (4.0, 2.0, 0.0), goal, drive=planners.Car(radius))
-        arc = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
+        arc = plan.trajectory(max_velocity=0.6, max_acceleration=0.5)
         met, velocity = share * arc.duration, arc.sample(0.5 * arc.duration)[1][:2]
         thing = Mover("disc:0.05", arc.sample(met)[0][:2], at=met, velocity=velocity)
         assert apart(Mover(space.robot, arc), thing, until=500.0).verdict == "touch"

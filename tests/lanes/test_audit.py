@@ -260,13 +260,14 @@ def test_nodes_turn_between_proven_yaws(rooms):
                 assert not shapely.intersects(sweep(row.position, row.position, yaw), walls)
 
 
-def test_named_obstacles_are_named():
-    space = build(np.zeros((60, 40), dtype=np.bool_))
-    space.add_obstacle("crate", shapely.box(2.0, 1.5, 2.5, 2.5))
-    graph = RouteGraph.from_arrays([(1, 2), (4, 2), (1, 3)], [(0, 1), (0, 2)])
-    first, second = cspace.lanes.audit(space, graph).lanes
-    assert first.obstacle == "'crate'"
-    assert second.verdict == "free"
+def test_named_obstacles_are_named_where_the_robot_meets_them():
+    space = build(np.zeros((200, 40), dtype=np.bool_))
+    graph = RouteGraph.from_arrays([(1, 2), (19, 2), (1, 3)], [(0, 1), (0, 2)])
+    for width in (0.5, 0.04):  # no cell lies in the thin one
+        space.add_obstacle("crate", shapely.box(17.03, 1.5, 17.03 + width, 2.5))
+        first, second = cspace.lanes.audit(space, graph).lanes
+        assert first.obstacle == "'crate'" and 16.6 <= first.at[0] <= 17.9
+        assert second.verdict == "free"
 
 
 def test_polygons_are_exact_obstacles():

@@ -5,6 +5,7 @@ import math
 import pickle
 import re
 import threading
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -174,6 +175,7 @@ def test_a_robot_that_cannot_turn_would_pass_if_it_could():
     explanation = space.explain((1.5, 3.55, 0.0), (3.55, 5.5, math.pi / 2.0))
     assert explanation.verdict in ("disconnected", "undecided")
     assert explanation.passes_if_turning
+    assert "The robot would pass if it could turn anywhere." in explanation.sentences
 
 
 def test_equal_start_and_goal_and_empty_workspaces_are_explained():
@@ -183,6 +185,26 @@ def test_equal_start_and_goal_and_empty_workspaces_are_explained():
     assert str(explanation).startswith("A path exists")
     free_outside = cspace.build(space.workspace, space.robot, outside="free")
     assert free_outside.explain((1.0, 1.0), (0.5, 1.5)).margin[1] == math.inf
+
+
+@pytest.mark.parametrize(
+    "changes, sentence",
+    [
+        ({"margin": (0.0, 0.3)}, "The robot may grow by 0 m all around, but not by 0.3 m."),
+        ({"margin": (0.1, math.inf)}, "The robot may grow by 0.1 m all around."),
+        ({"margin": (-0.2, -0.1)}, "passes if it shrinks by 0.2 m all around, but not by 0.1 m."),
+        ({"margin": (-0.2, 0.0)}, "The robot passes if it shrinks by 0.2 m all around."),
+        ({"margin": (-math.inf, 0.1)}, "No shrinking of the robot is known to give a path."),
+        ({"obstacles": ()}, "the robot does not pass an obstacle."),
+        ({"obstacles": ("a", "b")}, "the robot does not pass a and b."),
+        ({"obstacles": tuple("abcd")}, "the robot does not pass a, b, c and others."),
+    ],
+)
+def test_sentences_say_what_the_fields_hold(changes, sentence):
+    space = build_door(0.4, cspace.Robot.disc(0.3), 0.05)
+    explanation = replace(space.explain((0.8, 2.0), (3.2, 2.0)), **changes)
+    assert any(each.endswith(sentence) for each in explanation.sentences)
+    assert "turn anywhere" not in str(replace(explanation, passes_if_turning=True))
 
 
 def test_a_plan_without_a_path_prints_the_reason():
@@ -560,6 +582,7 @@ def test_margins_of_joints_are_distances_in_the_joints(tmp_path):
         first, last = explanations = [each.explain(start, goal) for each in maps]
         assert first.verdict == last.verdict and first.margin == last.margin
         assert not any(re.search(r"\d m\b", str(each)) for each in explanations)
+        assert "keeps" not in str(replace(first, margin=(-0.1, 0.2)))
         if first.verdict != "connected":
             continue
         told += 1
