@@ -273,11 +273,12 @@ def check_timing(budget, timing, mover, others, margin=0.0, until=None):
 
 @checking
 def check_separation(budget, answer, first, second, margin=0.0, **_):
-    """Check that two motions that are said to be apart are."""
+    """Check that two motions that are said to be apart keep the distance that is told."""
     begin, end = answer.interval
     if answer:
         timed = [time_mover(each, begin) for each in (first, second)]
-        yield "separation", apart.check_apart(*timed, 0.0, end - begin, budget, margin)
+        least = max(margin, (1.0 - 1e-6) * answer.distance)
+        yield "separation", apart.check_apart(*timed, 0.0, end - begin, budget, least)
 
 
 # ---- the watch -----------------------------------------------------------------------------------

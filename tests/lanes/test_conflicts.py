@@ -20,10 +20,10 @@ from cspace.errors import FileError, InputError
 from cspace.lanes import RouteGraph
 from tests.helpers.commands import run
 from tests.helpers.handmade import build_empty
-from tests.helpers.refusals import check_refused, refusals
-from tests.helpers.regions import place_polygon
+from tests.helpers.refusals import check_refused, refusals, write
+from tests.helpers.regions import place_at, place_polygon
 from tests.helpers.strategies import examples, few
-from tests.lanes.test_graph_files import ENTRY, edit, write
+from tests.lanes.test_graph_files import ENTRY, edit
 from tests.lanes.test_reports import open_arc, open_order
 
 SHAPES = {
@@ -52,11 +52,6 @@ def build(shape, rotations=72, spacing=0.1, **options):
 def spaces():
     """Return a map for each robot, made once."""
     return {shape: build(shape) for shape in SHAPES}
-
-
-def place(polygon, pose):
-    """Return a robot at a pose."""
-    return place_polygon(polygon, np.array([pose]))[0]
 
 
 def yaws_of(graph, lane):
@@ -137,7 +132,7 @@ def check_touch(found, graphs, polygons, row):
     placed = []
     for name, pose in zip((row.first, row.second), row.poses, strict=True):
         element = found.elements[name]
-        placed.append(place(polygons[element.robot], pose))
+        placed.append(place_at(polygons[element.robot], pose))
         graph = graphs[element.robot]
         line = shapely.LineString(element.line) if len(element.line) > 1 else None
         spot = line or shapely.Point(element.line[0])
@@ -251,50 +246,39 @@ def test_nodes_have_the_turns_between_their_lanes():
     first=st.floats(-math.pi, math.pi, exclude_max=True),
     direction=st.floats(-math.pi, math.pi),
     backward=st.booleans(),
+    width=st.sampled_from([0.0, 0.1, 1.0, 2.5]),
 )
-@example(first=-1.87, direction=2.78, backward=False)
-@example(first=1.7, direction=-1.7, backward=True)
-@example(first=1.6290320322047709, direction=1.629032033204771, backward=True)
-def test_a_lane_turns_the_shorter_way_from_the_yaw_of_its_node(spaces, first, direction, backward):
-    heading = "backward" if backward else "forward"
+@example(first=-1.87, direction=2.78, backward=False, width=0.0)
+@example(first=1.7, direction=-1.7, backward=True, width=0.0)
+@example(first=1.6290320322047709, direction=1.629032033204771, backward=True, width=0.0)
+@example(first=0.5, direction=1.0, backward=False, width=1.0)
+@example(first=0.5, direction=-2.0, backward=False, width=2.5)
+def test_a_lane_turns_the_shorter_ways_from_the_yaws_of_its_node(
+    spaces, first, direction, backward, width
+):
     ends = [(4.0, 3.0), (4.0 + 0.5 * math.cos(direction), 3.0 + 0.5 * math.sin(direction))]
+    heading = "backward" if backward else "forward"
     graph = RouteGraph.from_arrays(ends, [(0, 1)], heading, yaws=[first, math.nan])
-    outline = cspace.lanes.conflicts(spaces["outside"], graph).outlines["0: 0 to 1"]
-    last = direction + math.pi * backward
-    step = math.remainder(last - first, math.tau)
-    robot = shapely.Polygon(SHAPES["outside"])
-
-    def place_along(ways):
-        poses = [(*ends[0], first + share * way) for way in ways for share in np.linspace(0, 1, 90)]
-        poses += [(*point, last) for point in np.linspace(*ends, 30)]
-        return place_polygon(robot, np.array(poses))
-
-    # Half a turn, within rounding of 1e-9 rad, may go either way.
-    both = [step, -step]
-    assert shapely.covers(
-        outline, place_along(both if abs(step) > math.pi - 5e-10 else [step])
-    ).all()
-    bodies = place_along(both if abs(step) > math.pi - 2e-9 else [step])
-    assert shapely.difference(outline, shapely.union_all(bodies)).area < 0.1
-
-
-@pytest.mark.parametrize("heading", [0.0, 1.0, 3.0, -2.0])
-@pytest.mark.parametrize("width", [0.1, 1.0, 2.5])
-def test_a_node_with_a_range_of_yaws_is_swept_at_all_of_them(spaces, heading, width):
-    ends = [(4.0, 3.0), (4.5, 3.0)]
-    graph = RouteGraph.from_arrays(ends, [(0, 1)], heading, yaws=[0.5, math.nan])
-    graph = replace(graph, yaw_deviations={"0": width})
+    graph = replace(graph, yaw_deviations={"0": width} if width else {})
     found = cspace.lanes.conflicts(spaces["outside"], graph)
-    robot = shapely.Polygon(SHAPES["outside"])
-    steps = [
-        math.remainder(0.5 + share * width - heading, math.tau) for share in np.linspace(-1, 1)
-    ]
-    yaws = np.linspace(min(*steps, 0.0), max(*steps, 0.0), 200) + heading
-    bodies = place_polygon(robot, np.array([(*ends[0], yaw) for yaw in yaws]))
-    for name in ("0: 0 to 1", "node 0"):
-        assert shapely.covers(found.outlines[name], bodies).all()
+    robot, last = shapely.Polygon(SHAPES["outside"]), direction + math.pi * backward
+    shares = np.linspace(-1.0, 1.0, 50 if width else 1)
+    steps = [math.remainder(first + share * width - last, math.tau) for share in shares]
+
+    def place_along(rounding):
+        """Place the robot; half a turn, within rounding, may go either way."""
+        ways = [*steps, *(-step for step in steps if abs(step) > math.pi - rounding), 0.0]
+        turned = [(*ends[0], last + way) for way in np.linspace(min(ways), max(ways), 200)]
+        driven = [(*point, last) for point in np.linspace(*ends, 30)]
+        return place_polygon(robot, np.array(turned)), place_polygon(robot, np.array(driven))
+
+    on_node, on_lane = place_along(5e-10)
+    assert shapely.covers(found.outlines["node 0"], on_node).all()
+    outline = found.outlines["0: 0 to 1"]
+    assert shapely.covers(outline, [*on_node, *on_lane]).all()
     if width < 2.5:  # else the shorter way between its yaws is all around
-        assert shapely.difference(found.outlines["node 0"], shapely.union_all(bodies)).area < 0.1
+        bodies = shapely.union_all(np.concatenate(place_along(2e-9)))
+        assert shapely.difference(outline, bodies).area < 0.1
 
 
 @pytest.mark.parametrize(
@@ -360,7 +344,7 @@ def test_curves_and_deviations_count_as_the_audit_counts_them(tmp_path):
             assert row.verdict == verdict, (radius, more)
             if verdict == "touch":
                 x, y, _ = row.poses[0]
-                assert place(box, row.poses[0]).distance(shapely.Point(spot)) <= 0.05 + 1e-12
+                assert place_at(box, row.poses[0]).distance(shapely.Point(spot)) <= 0.05 + 1e-12
                 assert abs(math.hypot(x - 1, y - 1) - 1.0) <= more + 1e-6
     # The polygon of the outline holds the robot all along the circle.
     outline = cspace.lanes.conflicts(space, open_arc(tmp_path)).outlines["e: a to b"]
@@ -385,7 +369,7 @@ def test_one_robot_in_each_zone_keeps_all_apart(spaces, distance, number):
         for k, j in itertools.combinations(range(len(found.elements)), 2):
             pairs = itertools.product(*(rng.permutation(poses_of(graph, n))[:12] for n in (k, j)))
             for pose, other in pairs:
-                bodies = place(polygon, pose), place(polygon, other)
+                bodies = place_at(polygon, pose), place_at(polygon, other)
                 if shapely.distance(*bodies) <= distance:
                     close += 1
                     both = [zone for zone in shapes if shapely.intersects(zone, bodies).all()]

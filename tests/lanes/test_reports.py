@@ -16,8 +16,9 @@ import cspace
 from cspace.lanes import RouteGraph
 from tests.helpers.commands import run
 from tests.helpers.handmade import build_empty
+from tests.helpers.refusals import write
 from tests.helpers.strategies import few
-from tests.lanes.test_graph_files import ARC, NAV2, write
+from tests.lanes.test_graph_files import ARC, NAV2
 
 
 @pytest.fixture(scope="module")

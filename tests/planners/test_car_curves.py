@@ -18,6 +18,7 @@ from tests.helpers.handmade import build_empty
 from tests.helpers.placements import is_free_around
 from tests.helpers.planning import (
     build_room,
+    draw_edges,
     interpolate_poses,
     make_poses,
     points_along,
@@ -135,15 +136,6 @@ def test_a_curve_between_its_points_is_no_longer_than_the_part(name):
 # ---- proofs --------------------------------------------------------------------------------------
 
 
-def draw_edges(space, n, seed):
-    """Draw pairs of FREE configurations, mostly near each other."""
-    rng = np.random.default_rng(seed)
-    q = np.stack([space.sample_free(n, rng), space.sample_free(n, rng)], axis=1)
-    near = rng.random(n) < 0.7
-    q[near, 1, :2] = q[near, 0, :2] + rng.uniform(-1.0, 1.0, (near.sum(), 2))
-    return q
-
-
 @pytest.mark.parametrize("rounds", few([100, 300]))
 @EVERY_CURVE
 def test_a_curve_is_proven_if_it_is_free_with_some_clearance(space, name, rounds):
@@ -152,7 +144,7 @@ def test_a_curve_is_proven_if_it_is_free_with_some_clearance(space, name, rounds
     check = curves.edge_checker()
     distance = 0.1 * space.grid.spacing
     proven = tied = 0
-    for a, b in draw_edges(space, rounds, 1):
+    for a, b in zip(*draw_edges(space, rounds, 1), strict=True):
         points = points_along(curves, a, b, np.linspace(0.0, measure(curves, a, b), 400))
         is_proven = check(*a, *b)
         proven += is_proven
@@ -175,7 +167,7 @@ def test_the_curve_that_ompl_interpolates_is_free(space, name):
     curves = make_curves(name, 0.5, space)
     shares = np.linspace(0.0, 1.0, 60)
     others = free = 0
-    for a, b in draw_edges(space, 1000, 2):
+    for a, b in zip(*draw_edges(space, 1000, 2), strict=True):
         ends = make_poses(states, a, b)
         if info.checkMotion(*ends):
             free += 1
