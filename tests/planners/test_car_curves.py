@@ -167,7 +167,7 @@ def test_the_curve_that_ompl_interpolates_is_free(space, name):
     curves = make_curves(name, 0.5, space)
     shares = np.linspace(0.0, 1.0, 60)
     others = free = 0
-    for a, b in zip(*draw_edges(space, 1000, 2), strict=True):
+    for a, b in zip(*draw_edges(space, 1000, 3), strict=True):
         ends = make_poses(states, a, b)
         if info.checkMotion(*ends):
             free += 1

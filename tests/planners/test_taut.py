@@ -62,3 +62,20 @@ def test_paths_in_mazes_are_the_shortest(seed):
     )
     # The map proves the path, even rounded to 32 bits.
     assert map_of(states, spacing=1.0).certify_path(taut.astype(np.float32)).all()
+
+
+@pytest.mark.parametrize("seed", few(range(25, 50), 3))
+def test_ends_near_borders_of_cells_do_not_lengthen_paths(seed):
+    """Begin and end nearer to walls than the margin that the path keeps elsewhere."""
+    rng = np.random.default_rng(seed)
+    walls = carve_maze(rng, 4, int(rng.integers(1, 4)))
+    states = np.where(walls, BLOCKED, FREE).astype(np.uint8)
+    cells = np.argwhere(~walls)
+    cells = cells[rng.choice(len(cells), 2, replace=False)]
+    start, goal = cells + rng.choice([0.001, 0.5, 0.999], (2, 2))
+    inner = np.clip([start, goal], cells + MARGIN, cells + 1.0 - MARGIN)
+    expected = find_shortest_length(walls, *inner, MARGIN)
+    for ends in ((start, goal), (goal, start)):
+        taut = find_taut_path(states, *ends)
+        assert path_length(taut) == pytest.approx(expected, abs=4.0 * MARGIN)
+        assert map_of(states, spacing=1.0).certify_path(taut).all()
