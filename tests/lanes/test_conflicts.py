@@ -463,26 +463,11 @@ def test_reports_hold_every_pair(spaces, tmp_path):
     pyplot.close(axes.figure)
 
 
-def open_two_lanes(folder, gap):
-    """Return a graph of two parallel lanes in a hall of 3 m by 20 m."""
-    points = [[1.0, 5.0], [1.0, 15.0], [1.0 + gap, 5.0], [1.0 + gap, 15.0]]
-    shapes = [("Point", point, {"id": k}) for k, point in enumerate(points)]
-    for k in (0, 2):
-        ends = {"id": 10 + k, "startid": k, "endid": k + 1}
-        shapes.append(("MultiLineString", [points[k : k + 2]], ends))
-    features = [
-        {"type": "Feature", "properties": about, "geometry": {"type": kind, "coordinates": place}}
-        for kind, place, about in shapes
-    ]
-    file = folder / "lanes.geojson"
-    file.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-    return RouteGraph.open(file)
-
-
-def test_pictures_of_tall_maps_have_whole_titles_and_all_verdicts(tmp_path):
+def test_pictures_of_tall_maps_have_whole_titles_and_all_verdicts():
     """Pairs that only a margin joins have no area in common, and an entry of their own."""
     space = build_empty((30, 200), cspace.Robot.rectangle(0.6, 0.4), 0.1, rotations=16)
-    graph = open_two_lanes(tmp_path, 0.7)
+    points = [(1.0, 5.0), (1.0, 15.0), (1.7, 5.0), (1.7, 15.0)]
+    graph = RouteGraph.from_arrays(points, [(0, 1), (2, 3)])
     found = cspace.lanes.conflicts(space, graph, margin=0.4)
     for axes in (found.plot(), cspace.lanes.audit(space, graph).plot()):
         figure = axes.figure

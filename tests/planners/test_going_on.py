@@ -417,57 +417,31 @@ def test_a_stop_says_why_it_is_one():
 
 # ---- obstacles that appear ------------------------------------------------------------------------
 
-HELD_SIDE = 0.3
-"""Side of an obstacle that appears, metres."""
-
-
-def plan_with_rests(drives):
-    """Return a plan that rests at its corners, or where it reverses, and its limits and options."""
-    limits = {"max_velocity": 1.0, "max_acceleration": 1.0}
-    space = build_empty((120, 60), "rect:0.6x0.4" if drives else "disc:0.3", rotations=drives)
-    if drives:
-        limits |= TURNING_LIMITS
-        points = np.array([(1.0, 1.0), (9.0, 1.0), (3.0, 2.6), (6.0, 5.0), (10.5, 3.0)])
-        x, y = np.diff(points, axis=0).T
-        yaws = np.arctan2(y, x) - np.array([0.0, math.pi, 0.0, 0.0])
-        edges = zip(points[:-1], points[1:], yaws, strict=True)
-        rows = np.array([(*point, yaw) for *ends, yaw in edges for point in ends])
-    else:
-        limits["blend"] = False
-        rows = np.array([(1.0, 1.0), (9.0, 1.0), (9.0, 5.0), (3.0, 5.0), (3.0, 3.0)])
-    drive = make_drive("differential-reverse" if drives else None)
-    plan = planners.plan(space, rows[0], rows[0], drive=drive)
-    return replace_rows(plan, rows), limits
-
-
-def start_at(plan, place):
-    """Return a plan from a place on the first edge, and on as before."""
-    rows = np.vstack([place, plan.waypoints[1:]])
-    return replace_rows(plan, rows)
-
 
 @pytest.mark.parametrize("rounds", few([8, 25]))
-@pytest.mark.parametrize("drives", [None, 36])
-def test_no_motion_goes_on_through_what_appeared(drives, rounds):
-    plan, limits = plan_with_rests(drives)
-    old = plan.trajectory(**limits)
-    place = old.starts_after(0.5)[0]
-    again = start_at(plan, place)
+@pytest.mark.parametrize("rotations", [None, 36])
+def test_no_motion_goes_on_through_what_appeared(rotations, rounds):
+    space = build_empty((120, 60), "rect:0.6x0.4" if rotations else "disc:0.3", rotations=rotations)
+    drive = make_drive("differential-reverse" if rotations else None)
+    points = [(9.0, 1.0), (3.0, 2.6), (6.0, 5.0), (10.5, 3.0)]  # it rests at each
+    *via, goal = [(*point, None) for point in points] if rotations else points
+    limits = make_limits(rotations, stop_at_via=True)
+
+    def plan_from(start):
+        return planners.plan(space, start, goal, via=via, drive=drive)
+
+    old = plan_from((1.0, 1.0, 0.0) if rotations else (1.0, 1.0)).trajectory(**limits)
+    again = plan_from(old.starts_after(0.5)[0])
     rng = np.random.default_rng(0)
     refused = 0
     for t in rng.uniform(3.0, old.duration, rounds):
         # The obstacle touches the robot's border, or stands in its way.
-        angle = rng.uniform(-math.pi, math.pi)
-        x, y = old.sample(t)[0][:2] + rng.uniform(0.0, 0.4) * np.array(
-            [math.cos(angle), math.sin(angle)]
-        )
-        half = 0.5 * HELD_SIDE
-        obstacle = shapely.box(x - half, y - half, x + half, y + half)
-        plan.space.update({"appeared": obstacle})
+        angle, distance = rng.uniform((-math.pi, 0.0), (math.pi, 0.4))
+        place = old.sample(t)[0][:2] + distance * np.array([math.cos(angle), math.sin(angle)])
+        space.update({"appeared": shapely.box(*(place - 0.15), *(place + 0.15))})
         motion = again.trajectory(**limits, after=old, at=0.5)
-        assert motion.certified
-        assert motion.recheck(plan.space).all()
+        assert motion.certified and motion.recheck(space).all()
         refused += bool(motion.stop_reason)
-        plan.space.update({"appeared": None})
+        space.update({"appeared": None})
     assert refused
     assert not again.trajectory(**limits, after=old, at=0.5).stop_reason
