@@ -205,9 +205,7 @@ def test_a_room_around_a_blocked_goal_is_reached_and_without_one_the_nearest_is_
     metres = math.dist(nearest, blocked)
     assert planners.plan(space, (1.0, 1.0), planners.Near(blocked, metres)).certified
     inside = shapely.box(3.14, 0.5, 3.16, 4.49)  # of a wall, and nearest to FREE cells at its top
-    with pytest.raises(
-        ConfigurationError, match="no configuration .* free in the region"
-    ) as caught:
+    with pytest.raises(ConfigurationError, match=r"no configuration .* in the region") as caught:
         planners.plan(space, (1.0, 1.0), inside)
     free = shapely.points(space.grid.center_of(np.argwhere(space.cell_states == FREE)))
     named = shapely.Point(caught.value.nearest).distance(inside)
