@@ -329,6 +329,9 @@ def test_a_path_between_regions_is_as_long_as_their_distance():
     for ends in (boxes, boxes[::-1], (triangle, boxes[1]), (boxes[1], triangle)):
         plan = planners.plan(space, *ends)
         assert plan.length == pytest.approx(ends[0].distance(ends[1]), rel=0.02, abs=5e-3)
+    beside = (2.8, 5.8)  # in the triangle's envelope
+    plan = planners.plan(space, beside, triangle)
+    assert plan.length == pytest.approx(triangle.distance(shapely.Point(beside)), abs=2e-2)
     both = planners.plan(space, [boxes[0], triangle], boxes[1])
     nearest = min(place.distance(boxes[1]) for place in (boxes[0], triangle))
     assert both.length == pytest.approx(nearest, rel=0.02, abs=5e-3)
