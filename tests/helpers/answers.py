@@ -271,6 +271,16 @@ def check_timing(budget, timing, mover, others, margin=0.0, until=None):
                 )
 
 
+@checking
+def check_separation(budget, answer, first, second, margin=0.0, **_):
+    """Check that two motions that are said to be apart keep the distance that is told."""
+    begin, end = answer.interval
+    if answer:
+        timed = [time_mover(each, begin) for each in (first, second)]
+        least = max(margin, (1.0 - 1e-6) * answer.distance)
+        yield "separation", apart.check_apart(*timed, 0.0, end - begin, budget, least)
+
+
 # ---- the watch -----------------------------------------------------------------------------------
 
 
@@ -282,7 +292,7 @@ def is_asked_by_a_test():
 def watch():
     """Let the public calls check their answers."""
     plan, trajectory = planners.plan, planners.Plan.trajectory
-    time_around, kind = lanes.time_around, cspace.CSpace
+    time_around, keep_apart, kind = lanes.time_around, lanes.apart, cspace.CSpace
     disconnected = kind.is_disconnected
 
     @functools.wraps(plan)
@@ -312,6 +322,12 @@ def watch():
         check_timing(answer, mover, others, **options)
         return answer
 
+    @functools.wraps(keep_apart)
+    def keep_apart_and_check(first, second, **options):
+        answer = keep_apart(first, second, **options)
+        check_separation(answer, first, second, **options)
+        return answer
+
     @functools.wraps(disconnected)
     def ask_and_check(self, q0, q1):
         answer = disconnected(self, q0, q1)
@@ -320,7 +336,7 @@ def watch():
         return answer
 
     import planners._plan as home
-    from cspace.lanes import _waiting
+    from cspace.lanes import _apart, _waiting
 
     # Warnings point at the first line outside of the library, which is to be the test's.
     inner = {**globals(), "__name__": "planners.watch"}
@@ -329,4 +345,5 @@ def watch():
     home.plan = planners.plan = functools.update_wrapper(hidden, plan_and_check)
     planners.Plan.trajectory = time_and_check
     lanes.time_around = _waiting.time_around = wait_and_check
+    lanes.apart = _apart.apart = keep_apart_and_check
     kind.is_disconnected = ask_and_check

@@ -55,6 +55,11 @@ def place_polygon(polygon, q):
     )
 
 
+def place_at(polygon, pose):
+    """Copy a polygon to one configuration."""
+    return place_polygon(polygon, np.array([pose]))[0]
+
+
 def cell_boxes(occupied, lower=0.0, spacing=1.0):
     """Merge rows of closed cells to boxes (low, high), shape (n, 2, d)."""
     steps = np.diff(np.pad(occupied, [*[(0, 0)] * (occupied.ndim - 1), (1, 1)]).astype(int))

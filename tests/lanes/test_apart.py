@@ -110,30 +110,6 @@ def test_the_ends_of_a_bar_that_turns_are_seen():
             assert found.distance <= max(gap, 0.0) + 1e-9
 
 
-def test_trajectories_in_space_agree_with_every_millisecond():
-    space = build_empty((30, 30, 20), cspace.Robot.ball(0.4), 0.2)
-    rng = np.random.default_rng(6)
-    limits = {"max_velocity": 1.0, "max_acceleration": 0.5}
-    trajectories = []
-    for _ in range(5):
-        start, goal = rng.uniform((0.9, 0.9, 0.9), (5.1, 5.1, 3.1), (2, 3))
-        trajectories.append(planners.plan(space, start, goal).trajectory(**limits))
-    seen = set()
-    for first, second in itertools.combinations(trajectories, 2):
-        t = np.linspace(0.0, max(first.duration, second.duration), 20_000)
-        gaps = np.linalg.norm(first.sample(t)[0] - second.sample(t)[0], axis=1) - 0.8
-        if gaps[0] <= 0.0:
-            continue
-        found = apart(Mover(space.robot, first), Mover(space.robot, second))
-        seen.add(found.verdict)
-        if found:
-            assert 0.0 < found.distance <= gaps.min() + 1e-6
-        else:
-            assert found.verdict == "touch"
-            assert gaps.min() <= 1e-6
-    assert seen == {"apart", "touch"}
-
-
 def closest(step, velocity, duration):
     """Return the least distance of two points that move evenly."""
     share = np.clip(-(step @ velocity) / max(velocity @ velocity, 1e-300), 0.0, duration)
@@ -194,37 +170,6 @@ def test_a_robot_stays_where_it_starts_and_where_it_ends():
     found = apart(robot, later, until=40.0)
     assert found.verdict == "touch"
     assert found.time == pytest.approx(26.0 - 0.5, abs=0.01)
-
-
-@pytest.mark.parametrize("count", few([12, 400]))
-def test_a_robot_that_waits_is_where_it_starts_while_a_thing_moves(driven, count):
-    robot, trajectories = driven
-    polygon = shapely.Polygon(NOTCHED)
-    rng = np.random.default_rng(11)
-    seen = {"apart": 0, "touch": 0}
-    for k in range(count):
-        trajectory = trajectories[k % len(trajectories)]
-        at, seen_at = rng.uniform((4.0, -2.0), (12.0, 14.0))
-        place = rng.uniform((0.0, 0.0), (10.0, 8.0))
-        aim = trajectory.positions[0, :2] + rng.uniform(-0.8, 0.8, 2)
-        velocity = (aim - place) / rng.uniform(2.0, 9.0)
-        thing = Mover("disc:0.3", place, at=seen_at, velocity=velocity)
-        begin, end = min(at, seen_at), max(at + trajectory.duration, seen_at)
-        t = np.linspace(begin, end, 4000)
-        centers = shapely.points(place + (t - seen_at)[:, np.newaxis] * velocity)
-        gaps = shapely.distance(oracle(polygon, trajectory, at, t), centers) - 0.3
-        if gaps[0] <= 0.0:
-            continue
-        found = apart(Mover(robot, trajectory, at=at), thing)
-        assert found.interval == pytest.approx((begin, end))
-        seen[found.verdict] += 1
-        if found:
-            assert found.distance <= gaps.min() + 1e-9
-        else:
-            poses = place_polygon(polygon, found.poses[0][np.newaxis])
-            assert shapely.distance(poses[0], shapely.Point(found.poses[1][:2])) <= 0.3 + 1e-9
-            assert found.time <= t[gaps <= 0.0].min(initial=end) + 2e-3
-    assert min(seen.values()) > count // 10
 
 
 def test_time_begins_when_the_first_of_both_moves():
@@ -361,7 +306,7 @@ def test_things_on_the_tangent_of_an_arc_are_met():
         radius, angle, share = rng.uniform((1.5, 2.0, 0.2), (2.5, 3.0, 0.8))
         goal = 4.0 + radius * math.sin(angle), 2.0 + radius * (1.0 - math.cos(angle)), angle
         plan = planners.plan(space, (4.0, 2.0, 0.0), goal, drive=planners.Car(radius))
-        arc = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
+        arc = plan.trajectory(max_velocity=0.6, max_acceleration=0.5)
         met, velocity = share * arc.duration, arc.sample(0.5 * arc.duration)[1][:2]
         thing = Mover("disc:0.05", arc.sample(met)[0][:2], at=met, velocity=velocity)
         assert apart(Mover(space.robot, arc), thing, until=500.0).verdict == "touch"

@@ -4,23 +4,20 @@ import copy
 import math
 import pickle
 import re
-from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import shapely
 import trimesh
-from hypothesis import given
-from hypothesis import strategies as st
 from shapely import affinity
 
 import cspace
-from cspace.errors import AngleWarning, InputError
+from cspace.errors import AngleWarning
 from cspace.lanes import RouteGraph
 from tests.helpers.handmade import build_empty
 from tests.helpers.placements import obstacles_of
-from tests.helpers.refusals import check_refused, write
+from tests.helpers.refusals import check_refused, refusals, write
 from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import few
 
@@ -89,48 +86,6 @@ def make_edge(ends, yaw=0.0):
     return edge | {"vehicleTypeEdgeProperties": [rule | {"rotationAllowed": False}]}
 
 
-def true_room(space, p, q, yaw, side):
-    """Return how far a lane may shift to a side, within a millimetre."""
-    walls = obstacles_of(space)
-    ahead = np.subtract(q, p) / np.hypot(*np.subtract(q, p))
-    left = side * np.array([-ahead[1], ahead[0]])
-    shape = sweep(p, q, yaw)
-    far = shapely.convex_hull(shapely.union(shape, affinity.translate(shape, *(2.0 * left))))
-    hit = shapely.intersection(far, walls)
-    if hit.is_empty:
-        return 2.0
-    low, high = 0.0, 2.0
-    while high - low > 1e-3:
-        middle = 0.5 * (low + high)
-        swept = shapely.convex_hull(
-            shapely.union(shape, affinity.translate(shape, *(middle * left)))
-        )
-        low, high = (low, middle) if shapely.intersects(swept, walls) else (middle, high)
-    return high
-
-
-def check(space, audit, offset=0.0):
-    """Compare the verdicts of straight lanes with the shape that the robot sweeps."""
-    walls = obstacles_of(space)
-    graph = audit.graph
-    for lane, row in zip(graph.lanes, audit.lanes, strict=True):
-        p, q = graph.positions[[lane.start, lane.end]]
-        yaw = math.atan2(*(q - p)[::-1]) + offset
-        common = shapely.intersection(sweep(p, q, yaw), walls).area
-        if row.verdict == "free":
-            assert common == 0.0, row
-            for side, room in ((1, row.left), (-1, row.right)):
-                assert room <= true_room(space, p, q, yaw, side) + 1e-3, row
-            grown = shapely.buffer(sweep(p, q, yaw), row.margin * (1 - 1e-9))
-            assert shapely.intersection(grown, walls).area < 1e-9, row
-        if row.verdict == "blocked":
-            assert shapely.intersects(sweep(row.at[:2], row.at[:2], row.at[2]), walls), row
-            assert shapely.distance(shapely.LineString([p, q]), shapely.Point(row.at[:2])) < 1e-9
-            assert common > 0.0
-        if row.verdict == "undecided":  # only at contact
-            assert shapely.distance(sweep(p, q, yaw).buffer(-1e-4), walls) < 1e-3, row
-
-
 def build_on_floor(seed):
     """Return the map of a prism on a floor, and that of its footprint at its heights."""
     rng = np.random.default_rng(seed)
@@ -143,21 +98,25 @@ def build_on_floor(seed):
     return space, build(occupied[:, :, 1:5].any(axis=2))
 
 
-def test_lanes_on_a_floor_agree_with_swept_hulls_at_the_heights_of_the_robot():
+def test_lanes_on_a_floor_are_those_of_the_footprint_at_the_heights_of_the_robot():
     space, flat = build_on_floor(3)
     rng = np.random.default_rng(0)
     positions = rng.uniform((0.2, 0.2), (7.8, 4.8), (40, 2))
     edges = rng.integers(0, 40, (60, 2))
-    edges = edges[edges[:, 0] != edges[:, 1]]
-    audit = cspace.lanes.audit(space, RouteGraph.from_arrays(positions, edges), max_room=0.4)
+    graph = RouteGraph.from_arrays(positions, edges[edges[:, 0] != edges[:, 1]])
+    audit, expected = (cspace.lanes.audit(each, graph, max_room=0.4) for each in (space, flat))
     assert min(audit.counts["free"], audit.counts["blocked"]) > 5
-    check(flat, audit)
+    for mine, other in zip(audit.lanes, expected.lanes, strict=True):
+        verdicts = mine.verdict, other.verdict
+        assert verdicts[0] == verdicts[1] or verdicts == ("undecided", "blocked")
+        rooms = np.array([(row.left, row.right, row.margin) for row in (mine, other)])
+        assert (rooms[0] <= rooms[1] + 1e-6).all() and (rooms[0] >= 0.5 * rooms[1]).all()
     named = [row.obstacle for row in audit.lanes if row.verdict == "blocked"]
     places = [re.findall(r"-?[0-9.]+", text) for text in named if "obstacle at" in text]
     assert places
-    for place_ in places:
-        assert space.workspace.outer[tuple(space.workspace.grid.cell_of(list(map(float, place_))))]
-        assert 0.1 < float(place_[2]) < 0.5
+    for place in np.array(places, dtype=float):
+        assert space.workspace.outer[tuple(space.workspace.grid.cell_of(place))]
+        assert 0.1 < place[2] < 0.5
     space.update(cspace.Workspace.from_array(np.zeros((80, 50, 8), dtype=bool), 0.1))
     space.add_obstacle("lamp", trimesh.creation.box(bounds=[(2, 0, 0.55), (3, 5, 0.7)]))
     space.add_obstacle("shelf", trimesh.creation.box(bounds=[(3, 0, 0.3), (4, 5, 0.6)]))
@@ -178,69 +137,6 @@ def test_conflicts_on_a_floor_are_where_footprints_meet():
     assert {row.verdict for row in found.pairs} == {"undecided"}
 
 
-PORTAL = (
-    ((-0.4, -0.5, 0.0), (0.4, -0.4, 0.5)),
-    ((-0.4, 0.4, 0.0), (0.4, 0.5, 0.5)),
-    ((-0.4, -0.5, 0.5), (0.4, 0.5, 0.7)),
-)
-CART = (((-0.3, -0.2, 0.02), (0.3, 0.2, 0.3)),)
-"""Corners of the boxes of two robots; the cart fits between the legs of the portal."""
-
-
-def share_a_point(first, second):
-    """Return whether two robots, boxes and a pose each, meet at some height."""
-    for low, high in first[0]:
-        for under, over in second[0]:
-            if low[2] <= over[2] and under[2] <= high[2]:
-                outlines = shapely.box(*low[:2], *high[:2]), shapely.box(*under[:2], *over[:2])
-                poses = np.array([first[1]]), np.array([second[1]])
-                if shapely.intersects(*map(place_polygon, outlines, poses))[0]:
-                    return True
-    return False
-
-
-def test_robots_whose_footprints_meet_at_different_heights_are_not_said_to_touch():
-    scene = cspace.Workspace.from_array(np.zeros((80, 50, 8), dtype=bool), 0.1)
-    graph = RouteGraph.from_arrays(
-        [(1.0, 2.5), (7.0, 2.5), (4.0, 1.0), (4.0, 4.0), (1.0, 4.0), (3.0, 4.0)],
-        [(0, 1), (2, 3), (4, 5)],
-    )
-    spaces = []
-    for boxes in (PORTAL, CART):
-        mesh = trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in boxes])
-        spaces.append(cspace.build(scene, cspace.Robot.from_mesh(mesh), rotations=72, floor=0.01))
-    spaces.append(build_empty((80, 50), cspace.Robot.rectangle(0.6, 0.4), rotations=72))
-    portal, cart, flat = spaces
-    # The cart drives along the portal's lane, between its legs.
-    assert not share_a_point((PORTAL, (4.0, 2.5, 0.0)), (CART, (4.0, 2.5, 0.0)))
-    for others in ({"cart": (cart, graph)}, {"flat": (flat, graph)}):
-        found = cspace.lanes.conflicts(portal, graph, others=others, name="portal")
-        meeting = {frozenset((row.first, row.second)): row for row in found.pairs}
-        of_both = [
-            row
-            for row in found.pairs
-            if row.first.startswith("portal") and row.second.startswith(tuple(others))
-        ]
-        assert {row.verdict for row in of_both} == {"undecided"}
-        assert all(row.poses is None for row in of_both)
-        # Pairs that are not listed are apart at every height.
-        rng = np.random.default_rng(3)
-        names = [name for name in found.elements if ": " in name]
-        for one in names:
-            for other in names:
-                kinds = [PORTAL if name.startswith("portal") else CART for name in (one, other)]
-                if one == other or frozenset((one, other)) in meeting:
-                    continue
-                for _ in range(20):
-                    poses = []
-                    for name in (one, other):
-                        (x0, y0), (x1, y1) = found.elements[name].nodes
-                        share = rng.random()
-                        yaw = math.atan2(y1 - y0, x1 - x0)
-                        poses.append((x0 + share * (x1 - x0), y0 + share * (y1 - y0), yaw))
-                    assert not share_a_point(*zip(kinds, poses, strict=True))
-
-
 def test_a_robot_without_a_yaw_that_is_round_from_above_alone_has_no_lanes():
     base = trimesh.creation.cylinder(0.4, 0.2, sections=24)
     mast = trimesh.creation.box((0.5, 0.1, 0.3))
@@ -255,48 +151,6 @@ def test_a_robot_without_a_yaw_that_is_round_from_above_alone_has_no_lanes():
     assert cspace.lanes.audit(space, graph).counts["free"] == 1
 
 
-@pytest.mark.thorough
-def test_depot_agrees_with_swept_hulls(data):
-    workspace = cspace.Workspace.open(data / "maps" / "depot.yaml", unknown="free")
-    space = cspace.build(workspace, cspace.Robot.polygon(ROBOT), rotations=72)
-    rng = np.random.default_rng(1)
-    positions = rng.uniform(space.grid.lower, space.grid.upper, (300, 2))
-    free = positions[space.is_free(np.column_stack([positions, np.zeros(300)]))][:40]
-    edges = [
-        (a, b) for a in range(len(free)) for b in np.argsort(np.hypot(*(free - free[a]).T))[1:4]
-    ]
-    audit = cspace.lanes.audit(space, RouteGraph.from_arrays(free, edges))
-    assert audit.counts["free"] > 10
-    assert audit.counts["blocked"] > 0
-    check(space, audit)
-
-
-@given(
-    x=st.floats(0.5, 7.5),
-    y=st.floats(0.3, 4.7),
-    angle=st.floats(-math.pi, math.pi),
-    gap=st.sampled_from([-0.01, -1e-3, 1e-3, 0.01, 0.05]),
-)
-def test_lanes_near_contact_are_decided(rooms, x, y, angle, gap):
-    # Move a lane of 1 m sideways until it is a given gap from contact.
-    ahead = np.array([math.cos(angle), math.sin(angle)])
-    left = np.array([-ahead[1], ahead[0]])
-    p, q = np.array([x, y]), np.array([x, y]) + ahead
-    if shapely.intersects(sweep(p, q, angle), obstacles_of(rooms)):
-        return
-    room = true_room(rooms, p, q, angle, 1) - gap
-    if not 0.0 < room < 1.9:
-        return
-    ends = np.array([p + room * left, q + room * left])
-    audit = cspace.lanes.audit(rooms, RouteGraph.from_arrays(ends, [(0, 1)]))
-    check(rooms, audit)
-    if gap == 0.05:
-        assert audit.lanes[0].verdict == "free"
-    if gap == -0.01:
-        # A corner that is 1 cm deep leaves too little area only if it is very sharp.
-        assert audit.lanes[0].verdict != "free"
-
-
 def test_a_lane_pushed_into_a_wall_by_a_centimetre_is_blocked(rooms):
     for y, verdict in ((0.201, "free"), (0.19, "blocked")):
         graph = RouteGraph.from_arrays([(1, y), (3, y)], [(0, 1)])
@@ -304,23 +158,6 @@ def test_a_lane_pushed_into_a_wall_by_a_centimetre_is_blocked(rooms):
         assert row.verdict == verdict
     assert row.obstacle == "the border of the map"
     assert row.at[:2] == (1, 0.19)
-
-
-def test_rooms_of_straight_lanes_are_within_two_cells_of_the_truth(rooms):
-    spacing = rooms.grid.spacing
-    for p, q in (
-        ((1, 1), (3, 1)),
-        ((1, 0.202), (3, 0.202)),
-        ((5, 1), (7, 3)),
-        ((1, 2.5), (7, 2.5)),
-    ):
-        graph = RouteGraph.from_arrays([p, q], [(0, 1)])
-        (row,) = cspace.lanes.audit(rooms, graph, max_room=2.0).lanes
-        assert row.verdict == "free"
-        yaw = math.atan2(q[1] - p[1], q[0] - p[0])
-        for side, room in ((1, row.left), (-1, row.right)):
-            truth = true_room(rooms, p, q, yaw, side)
-            assert truth - 2 * spacing <= room <= truth + 1e-3, (p, q, side, room, truth)
 
 
 @pytest.mark.parametrize("row", [14, 15, 16, 24, 25, 26])
@@ -381,58 +218,6 @@ def test_a_node_with_a_yaw_needs_the_turn(rooms):
         assert cspace.lanes.audit(rooms, graph).lanes[0].verdict == verdict
 
 
-def list_turned(heading, yaw, width):
-    """Return yaws of the shorter ways between a heading and all yaws within a width of another."""
-    steps = [
-        math.remainder(yaw + share * width - heading, math.tau) for share in np.linspace(-1, 1, 301)
-    ]
-    return heading + np.linspace(min(*steps, 0.0), max(*steps, 0.0), 361)
-
-
-@pytest.mark.parametrize("count", few([150, 1500]))
-def test_a_node_with_a_range_of_yaws_needs_the_turns_to_all_of_them(count):
-    rng = np.random.default_rng(8)
-    occupied = np.zeros((120, 120), dtype=np.bool_)
-    occupied[tuple(rng.integers(0, 120, (2, 250)))] = True
-    space = build(occupied)
-    walls = obstacles_of(space)
-    starts = rng.uniform(0.6, 11.4, (count, 2))
-    directions = rng.uniform(-math.pi, math.pi, count)
-    ends = starts + 0.2 * np.column_stack([np.cos(directions), np.sin(directions)])
-    yaws = rng.uniform(-math.pi, math.pi, 2 * count)
-    yaws[rng.random(2 * count) < 0.4] = math.nan
-    widths = rng.choice([0.0, 0.02, 0.3, 1.0, 2.0, 3.0], 2 * count)
-    edges = np.column_stack([np.arange(count), np.arange(count, 2 * count)])
-    graph = RouteGraph.from_arrays(np.concatenate([starts, ends]), edges, yaws=yaws)
-    given = {name: width for name, width in zip(graph.names, widths, strict=True) if width}
-    graph = replace(graph, yaw_deviations=given)
-    seen = Counter()
-    for k, row in enumerate(cspace.lanes.audit(space, graph).lanes):
-        hit = shapely.intersects(sweep(starts[k], ends[k], directions[k]), walls)
-        gap = shapely.distance(sweep(starts[k], ends[k], directions[k]), walls)
-        for node, (x, y) in ((k, starts[k]), (count + k, ends[k])):
-            if not math.isnan(yaws[node]):
-                turned = list_turned(directions[k], yaws[node], widths[node])
-                poses = np.insert(turned[:, np.newaxis], 0, [[x], [y]], axis=1)
-                gaps = shapely.distance(place_polygon(shapely.Polygon(ROBOT), poses), walls)
-                hit, gap = hit or gaps.min() == 0.0, min(gap, gaps.min())
-        # Contact is undecided, and so is a touch between the yaws that are tried here.
-        assert row.verdict == ("blocked" if hit else "free") or gap < 5e-3, (k, row)
-        assert not (row.verdict == "free" and hit)
-        seen[row.verdict, bool(given.get(graph.names[k])) and not math.isnan(yaws[k])] += 1
-    assert min(seen[verdict, True] for verdict in ("free", "blocked")) > count // 15
-
-
-def test_a_range_of_yaws_needs_a_map_with_a_yaw():
-    graph = RouteGraph.from_arrays([(1, 1), (3, 1)], [(0, 1)], 0.0, yaws=[0.0, math.nan])
-    bar = build_empty((60, 40), "rect:0.6x0.2")
-    assert cspace.lanes.audit(bar, graph).lanes[0].verdict == "free"
-    graph = replace(graph, yaw_deviations={"0": 0.1})
-    check_refused(lambda: cspace.lanes.audit(bar, graph), "has the yaw -0.1 at the node '0'")
-    disc = build_empty((60, 40), "disc:0.3")
-    assert cspace.lanes.audit(disc, graph).lanes[0].verdict == "free"
-
-
 @pytest.mark.parametrize("turn", [0.0, math.pi / 2, math.pi, -math.pi / 2])
 def test_lanes_join_at_one_yaw_however_it_is_written(turn):
     # A corridor in which the robot fits at one yaw, driven one way ahead and the other in reverse.
@@ -475,13 +260,14 @@ def test_nodes_turn_between_proven_yaws(rooms):
                 assert not shapely.intersects(sweep(row.position, row.position, yaw), walls)
 
 
-def test_named_obstacles_are_named():
-    space = build(np.zeros((60, 40), dtype=np.bool_))
-    space.add_obstacle("crate", shapely.box(2.0, 1.5, 2.5, 2.5))
-    graph = RouteGraph.from_arrays([(1, 2), (4, 2), (1, 3)], [(0, 1), (0, 2)])
-    first, second = cspace.lanes.audit(space, graph).lanes
-    assert first.obstacle == "'crate'"
-    assert second.verdict == "free"
+def test_named_obstacles_are_named_where_the_robot_meets_them():
+    space = build(np.zeros((200, 40), dtype=np.bool_))
+    graph = RouteGraph.from_arrays([(1, 2), (19, 2), (1, 3)], [(0, 1), (0, 2)])
+    for width in (0.5, 0.04):  # no cell lies in the thin one
+        space.add_obstacle("crate", shapely.box(17.03, 1.5, 17.03 + width, 2.5))
+        first, second = cspace.lanes.audit(space, graph).lanes
+        assert first.obstacle == "'crate'" and 16.6 <= first.at[0] <= 17.9
+        assert second.verdict == "free"
 
 
 def test_polygons_are_exact_obstacles():
@@ -505,9 +291,10 @@ def test_a_robot_without_an_inside_is_audited():
     assert verdicts == ["free", "undecided"]
 
 
-def test_yaws_between_those_of_a_part_are_proven():
-    # The corner is nearest to the wall at 32.5 degrees, in the middle between two parts of 5.
-    slope = math.radians(32.5)
+@pytest.mark.parametrize("degrees", [30.0, 32.5])
+def test_yaws_between_those_of_a_part_are_proven(degrees):
+    # The corner is nearest to the wall in the middle of a part of 5 degrees, or between two.
+    slope = math.radians(degrees)
     robot = cspace.Robot.rectangle(0.6, 0.6 * math.tan(slope))
     wall = shapely.box(0, 0, 4, 0.5)
     workspace = cspace.Workspace.from_polygons([wall], spacing=0.1, bounds=(0, 0, 4, 2))
@@ -522,29 +309,23 @@ def test_yaws_between_those_of_a_part_are_proven():
 
 
 def test_a_map_without_a_yaw_is_for_a_round_robot_or_one_that_never_turns():
-    disc = build_empty((40, 30), "disc:0.3")
-    graph = RouteGraph.from_arrays([(1, 1), (3, 2)], [(0, 1)])
-    audit = cspace.lanes.audit(disc, graph)
-    assert audit.lanes[0].verdict == "free"
-    assert audit.nodes[0].turns_around
-    bar = build_empty((40, 30), "rect:0.6x0.2")
-    still = RouteGraph.from_arrays([(1, 1), (3, 2)], [(0, 1)], 0.0)
-
-    def build_again():
-        return cspace.lanes.audit(bar, still)
-
-    check_refused(
-        lambda: cspace.lanes.audit(bar, graph),
-        "space has no yaw, but rectangle 0.6 m x 0.2 m turns on the ... needed",
-    )
-    standing = build_again()
-    assert standing.lanes[0].verdict == "free"
-    assert not standing.nodes[0].turns_around
+    disc, bar = (build_empty((40, 30), robot) for robot in ("disc:0.3", "rect:0.6x0.2"))
+    nodes, edges = [(1, 1), (3, 2)], [(0, 1)]
+    along = RouteGraph.from_arrays(nodes, edges)
+    still = RouteGraph.from_arrays(nodes, edges, 0.0, yaws=[0.0, math.nan])
+    turned = RouteGraph.from_arrays(nodes, edges, 0.0, yaws=[0.0, 1.5])
+    ranged = replace(still, yaw_deviations={"0": 0.1})
+    for graph, message in (
+        (along, "space has no yaw, but rectangle 0.6 m x 0.2 m turns on the ... needed"),
+        (turned, "has the yaw 1.5 at the node '1'"),
+        (ranged, "has the yaw -0.1 at the node '0'"),
+    ):
+        audit = cspace.lanes.audit(disc, graph)
+        assert audit.lanes[0].verdict == "free" and audit.nodes[0].turns_around
+        check_refused(lambda graph=graph: cspace.lanes.audit(bar, graph), message)
+    standing = cspace.lanes.audit(bar, still)
+    assert standing.lanes[0].verdict == "free" and not standing.nodes[0].turns_around
     np.testing.assert_array_equal(standing.nodes[0].free_yaws, [[0.0, 0.0]])
-    turned = RouteGraph.from_arrays([(1, 1), (3, 2)], [(0, 1)], 0.0, yaws=[0.0, 1.5])
-    with pytest.raises(InputError, match=r"has the yaw 1.5 at the node '1'"):
-        cspace.lanes.audit(bar, turned)
-    assert cspace.lanes.audit(disc, turned).lanes[0].verdict == "free"
 
 
 def test_tiles_give_the_verdicts_of_memory(tmp_path):
@@ -587,14 +368,18 @@ def test_audits_are_pickled_and_copied(rooms):
         assert str(twin) == str(audit)
 
 
-def test_wrong_arguments_are_refused(rooms):
-    graph = RouteGraph.from_arrays([(1, 1)], [])
-    with pytest.raises(InputError, match=r"graph is a list.*RouteGraph"):
-        cspace.lanes.audit(rooms, [(0, 1)])
-    with pytest.raises(InputError, match=r"space is a str.*map"):
-        cspace.lanes.audit("map", graph)
-    with pytest.raises(InputError, match=r"space has the axes x, y, z.*lanes"):
-        cspace.lanes.audit(build_empty((9, 9, 9), "ball:0.1"), graph)
+@refusals(
+    "arguments, message",
+    (([(0, 1)],), "graph is a list ... RouteGraph"),
+    ((RouteGraph.from_arrays([(1, 1)], []), "map"), "space is a str ... map"),
+    (
+        (RouteGraph.from_arrays([(1, 1)], []), build_empty((9, 9, 9), "ball:0.1")),
+        "space has the axes x, y, z ... lanes",
+    ),
+)
+def test_wrong_arguments_are_refused(rooms, arguments, message):
+    graph, space = (*arguments, rooms)[:2]
+    check_refused(lambda: cspace.lanes.audit(space, graph), message)
 
 
 def test_yaws_in_degrees_are_named_once(rooms):

@@ -20,10 +20,11 @@ from cspace.errors import FileError, InputError
 from cspace.lanes import RouteGraph
 from tests.helpers.commands import run
 from tests.helpers.handmade import build_empty
-from tests.helpers.refusals import check_refused, refusals
-from tests.helpers.regions import place_polygon
+from tests.helpers.refusals import check_refused, refusals, write
+from tests.helpers.regions import place_at, place_polygon
 from tests.helpers.strategies import examples, few
-from tests.lanes.test_graph_files import ARC, ENTRY, edit, write
+from tests.lanes.test_graph_files import ENTRY, edit
+from tests.lanes.test_reports import open_arc, open_order
 
 SHAPES = {
     "arrow": [(0.4, 0.2), (-0.3, 0.25), (-0.3, -0.2), (0.4, -0.2)],
@@ -51,11 +52,6 @@ def build(shape, rotations=72, spacing=0.1, **options):
 def spaces():
     """Return a map for each robot, made once."""
     return {shape: build(shape) for shape in SHAPES}
-
-
-def place(polygon, pose):
-    """Return a robot at a pose."""
-    return place_polygon(polygon, np.array([pose]))[0]
 
 
 def yaws_of(graph, lane):
@@ -136,7 +132,7 @@ def check_touch(found, graphs, polygons, row):
     placed = []
     for name, pose in zip((row.first, row.second), row.poses, strict=True):
         element = found.elements[name]
-        placed.append(place(polygons[element.robot], pose))
+        placed.append(place_at(polygons[element.robot], pose))
         graph = graphs[element.robot]
         line = shapely.LineString(element.line) if len(element.line) > 1 else None
         spot = line or shapely.Point(element.line[0])
@@ -149,35 +145,6 @@ def check_touch(found, graphs, polygons, row):
                 assert min(map(abs, turns)) < 1e-9
     assert shapely.distance(*placed) <= found.margin
     assert shapely.distance(placed[0], shapely.Point(row.at)) <= found.margin / 2 + 1e-9
-
-
-@pytest.mark.parametrize("number", few([2, 60]))
-def test_witnesses_beside_long_chords_stand_on_their_elements(spaces, tmp_path, number):
-    """Such a curve is tried at its ends alone, which may be far from a place of both robots."""
-    for seed in range(36, 36 + number):
-        rng = np.random.default_rng(seed)
-        start, _ = rng.uniform(1.0, 5.0, (2, 2))
-        length, angle = rng.uniform([1.5, -3.0], [3.5, 3.0])
-        end = start + length * np.array([math.cos(angle), math.sin(angle)])
-        ends = [{"x": x, "y": y} for x, y in (start.tolist(), end.tolist())]
-        nodes = [{"nodeId": name, "nodePosition": at} for name, at in zip("ab", ends, strict=True)]
-        chord = {"degree": 1, "knotVector": [0, 0, 1, 1], "controlPoints": ends}
-        edge = {"edgeId": "e", "startNodeId": "a", "endNodeId": "b", "trajectory": chord}
-        if rng.random() < 0.6:
-            edge["orientation"] = float(rng.uniform(-3.0, 3.0))
-            edge["rotationAllowed"] = bool(rng.random() < 0.5)
-        file = write(tmp_path, "order.json", {"nodes": nodes, "edges": [edge]})
-        one, other = rng.choice(list(SHAPES), 2)
-        found = cspace.lanes.conflicts(
-            spaces[one],
-            RouteGraph.open(file),
-            others={"b": (spaces[other], draw_graph(rng))},
-            margin=float(rng.choice([0.0, 0.15])),
-        )
-        for row in found.pairs:
-            for name, pose in zip((row.first, row.second), row.poses or (), strict=bool(row.poses)):
-                polygon = SHAPES[other if found.elements[name].robot else one]
-                assert found.outlines[name].covers(place(shapely.Polygon(polygon), pose))
 
 
 @examples(150)
@@ -222,24 +189,6 @@ def test_corners_that_meet_exactly_are_never_apart(numbers, pull):
     assert row.verdict == ("apart" if gap > 0 else "touch" if gap < 0 else "undecided")
 
 
-@pytest.mark.parametrize("rounds", few([3, 8]))
-def test_larger_distances_and_robots_never_part_what_touches(spaces, rounds):
-    rng = np.random.default_rng(2)
-    grown = build("arrow", margin=0.05)
-    for _ in range(rounds):
-        graph = draw_graph(rng)
-        found = [
-            cspace.lanes.conflicts(spaces["arrow"], graph),
-            cspace.lanes.conflicts(spaces["arrow"], graph, margin=0.1),
-            cspace.lanes.conflicts(grown, graph),
-        ]
-        for row in found[0].pairs:
-            assert found[1].between(row.first, row.second).verdict != "apart"
-            assert found[2].between(row.first, row.second).verdict != "apart"
-        # Two margins of 5 cm count as a distance of 10 cm.
-        assert found[1].counts == found[2].counts
-
-
 def test_verdicts_are_symmetric_and_an_element_touches_itself(spaces):
     rng = np.random.default_rng(3)
     graph, other = draw_graph(rng), draw_graph(rng)
@@ -254,6 +203,9 @@ def test_verdicts_are_symmetric_and_an_element_touches_itself(spaces):
         row = one.between(name, name)
         assert row.verdict == "touch"
         assert row.poses[0] == row.poses[1]
+    # Two margins of 5 cm count as a distance of 10 cm.
+    grown = cspace.lanes.conflicts(build("arrow", margin=0.05), graph)
+    assert grown.counts == cspace.lanes.conflicts(spaces["arrow"], graph, margin=0.1).counts
 
 
 def test_round_robots_and_discs_have_their_exact_size():
@@ -294,50 +246,39 @@ def test_nodes_have_the_turns_between_their_lanes():
     first=st.floats(-math.pi, math.pi, exclude_max=True),
     direction=st.floats(-math.pi, math.pi),
     backward=st.booleans(),
+    width=st.sampled_from([0.0, 0.1, 1.0, 2.5]),
 )
-@example(first=-1.87, direction=2.78, backward=False)
-@example(first=1.7, direction=-1.7, backward=True)
-@example(first=1.6290320322047709, direction=1.629032033204771, backward=True)
-def test_a_lane_turns_the_shorter_way_from_the_yaw_of_its_node(spaces, first, direction, backward):
-    heading = "backward" if backward else "forward"
+@example(first=-1.87, direction=2.78, backward=False, width=0.0)
+@example(first=1.7, direction=-1.7, backward=True, width=0.0)
+@example(first=1.6290320322047709, direction=1.629032033204771, backward=True, width=0.0)
+@example(first=0.5, direction=1.0, backward=False, width=1.0)
+@example(first=0.5, direction=-2.0, backward=False, width=2.5)
+def test_a_lane_turns_the_shorter_ways_from_the_yaws_of_its_node(
+    spaces, first, direction, backward, width
+):
     ends = [(4.0, 3.0), (4.0 + 0.5 * math.cos(direction), 3.0 + 0.5 * math.sin(direction))]
+    heading = "backward" if backward else "forward"
     graph = RouteGraph.from_arrays(ends, [(0, 1)], heading, yaws=[first, math.nan])
-    outline = cspace.lanes.conflicts(spaces["outside"], graph).outlines["0: 0 to 1"]
-    last = direction + math.pi * backward
-    step = math.remainder(last - first, math.tau)
-    robot = shapely.Polygon(SHAPES["outside"])
-
-    def place_along(ways):
-        poses = [(*ends[0], first + share * way) for way in ways for share in np.linspace(0, 1, 90)]
-        poses += [(*point, last) for point in np.linspace(*ends, 30)]
-        return place_polygon(robot, np.array(poses))
-
-    # Half a turn, within rounding of 1e-9 rad, may go either way.
-    both = [step, -step]
-    assert shapely.covers(
-        outline, place_along(both if abs(step) > math.pi - 5e-10 else [step])
-    ).all()
-    bodies = place_along(both if abs(step) > math.pi - 2e-9 else [step])
-    assert shapely.difference(outline, shapely.union_all(bodies)).area < 0.1
-
-
-@pytest.mark.parametrize("heading", [0.0, 1.0, 3.0, -2.0])
-@pytest.mark.parametrize("width", [0.1, 1.0, 2.5])
-def test_a_node_with_a_range_of_yaws_is_swept_at_all_of_them(spaces, heading, width):
-    ends = [(4.0, 3.0), (4.5, 3.0)]
-    graph = RouteGraph.from_arrays(ends, [(0, 1)], heading, yaws=[0.5, math.nan])
-    graph = replace(graph, yaw_deviations={"0": width})
+    graph = replace(graph, yaw_deviations={"0": width} if width else {})
     found = cspace.lanes.conflicts(spaces["outside"], graph)
-    robot = shapely.Polygon(SHAPES["outside"])
-    steps = [
-        math.remainder(0.5 + share * width - heading, math.tau) for share in np.linspace(-1, 1)
-    ]
-    yaws = np.linspace(min(*steps, 0.0), max(*steps, 0.0), 200) + heading
-    bodies = place_polygon(robot, np.array([(*ends[0], yaw) for yaw in yaws]))
-    for name in ("0: 0 to 1", "node 0"):
-        assert shapely.covers(found.outlines[name], bodies).all()
+    robot, last = shapely.Polygon(SHAPES["outside"]), direction + math.pi * backward
+    shares = np.linspace(-1.0, 1.0, 50 if width else 1)
+    steps = [math.remainder(first + share * width - last, math.tau) for share in shares]
+
+    def place_along(rounding):
+        """Place the robot; half a turn, within rounding, may go either way."""
+        ways = [*steps, *(-step for step in steps if abs(step) > math.pi - rounding), 0.0]
+        turned = [(*ends[0], last + way) for way in np.linspace(min(ways), max(ways), 200)]
+        driven = [(*point, last) for point in np.linspace(*ends, 30)]
+        return place_polygon(robot, np.array(turned)), place_polygon(robot, np.array(driven))
+
+    on_node, on_lane = place_along(5e-10)
+    assert shapely.covers(found.outlines["node 0"], on_node).all()
+    outline = found.outlines["0: 0 to 1"]
+    assert shapely.covers(outline, [*on_node, *on_lane]).all()
     if width < 2.5:  # else the shorter way between its yaws is all around
-        assert shapely.difference(found.outlines["node 0"], shapely.union_all(bodies)).area < 0.1
+        bodies = shapely.union_all(np.concatenate(place_along(2e-9)))
+        assert shapely.difference(outline, bodies).area < 0.1
 
 
 @pytest.mark.parametrize(
@@ -351,16 +292,8 @@ def test_a_corner_is_turned_the_shorter_way_and_half_a_turn_both_ways(
     before = np.subtract(corner, (math.cos(first), math.sin(first)))
     after = np.add(corner, (math.cos(last), math.sin(last)))
     points = [{"x": float(x), "y": float(y)} for x, y in (before, corner, after)]
-    nodes = [{"nodeId": "a", "nodePosition": points[0]}, {"nodeId": "b", "nodePosition": points[2]}]
-    edge = {
-        "edgeId": "lane",
-        "startNodeId": "a",
-        "endNodeId": "b",
-        "orientation": 0.0,
-        "rotationAllowed": False,
-        "trajectory": {"degree": 1, "knotVector": [0, 0, 1, 2, 2], "controlPoints": points},
-    }
-    graph = RouteGraph.open(write(tmp_path, "o.json", {"nodes": nodes, "edges": [edge]}))
+    drawn = {"degree": 1, "knotVector": [0, 0, 1, 2, 2], "controlPoints": points}
+    graph = open_order(tmp_path, before, after, trajectory=drawn)
     middle = first + 0.5 * math.remainder(last - first, math.tau)
     places = [
         corner + 0.9 * np.array([math.cos(yaw), math.sin(yaw)])
@@ -368,7 +301,7 @@ def test_a_corner_is_turned_the_shorter_way_and_half_a_turn_both_ways(
     ]
     others = {"cart": (build("disc:0.1", rotations=None), RouteGraph.from_arrays(places, []))}
     found = cspace.lanes.conflicts(build(robot), graph, others=others)
-    verdicts = [found.between("lane: a to b", f"cart node {k}").verdict for k in range(2)]
+    verdicts = [found.between("e: a to b", f"cart node {k}").verdict for k in range(2)]
     assert verdicts == ["touch"] * touched + ["apart"] * (2 - touched)
     # The audit finds a post on each way that the robot may turn.
     for k, place in enumerate(places):
@@ -398,48 +331,26 @@ def test_a_curve_at_any_yaw_sweeps_a_disc_at_once(spaces, tmp_path, monkeypatch)
 
 
 def test_curves_and_deviations_count_as_the_audit_counts_them(tmp_path):
-    space = build("rect:0.4x0.2")
-    arc = [{**point, "x": point["x"] + 1, "y": point["y"] + 1} for point in ARC["controlPoints"]]
-
-    def order(radius, **corridor):
-        """Return a quarter of a circle around (1, 1), and a node on the way at a radius."""
-        places = {"a": (2, 1), "b": (1, 2), "c": (1 + radius * 0.6, 1 + radius * 0.8)}
-        nodes = [
-            {"nodeId": name, "nodePosition": {"x": x, "y": y}} for name, (x, y) in places.items()
-        ]
-        edge = {
-            "edgeId": "arc",
-            "startNodeId": "a",
-            "endNodeId": "b",
-            "orientation": 0.0,
-            "rotationAllowed": False,
-            "trajectory": {**ARC, "controlPoints": arc},
-            **corridor,
-        }
-        document = {"nodes": nodes, "edges": [edge]}
-        return RouteGraph.open(write(tmp_path, "order.json", document))
-
+    space, disc = build("rect:0.4x0.2"), build("disc:0.05", rotations=None)
+    box = shapely.box(-0.2, -0.1, 0.2, 0.1)
     corridor = {"corridor": {"leftWidth": 0.2, "rightWidth": 0.1}}
-    disc = build("disc:0.05", rotations=None)
     outer = math.hypot(1.1, 0.2) + 0.05
     for radius, verdict in ((outer - 0.01, "touch"), (outer + 0.01, "apart")):
         for more, extra in ((0.0, {}), (0.2, corridor)):
-            graph = order(radius + more, **extra)
-            pair = (disc, RouteGraph.from_arrays([graph.positions[2]], []))
-            found = cspace.lanes.conflicts(space, graph, others={"disc": pair})
-            row = found.between("arc: a to b", "disc node 0")
+            spot = 1.0 + (radius + more) * np.array([0.6, 0.8])
+            others = {"disc": (disc, RouteGraph.from_arrays([spot], []))}
+            found = cspace.lanes.conflicts(space, open_arc(tmp_path, **extra), others=others)
+            row = found.between("e: a to b", "disc node 0")
             assert row.verdict == verdict, (radius, more)
             if verdict == "touch":
-                x, y, yaw = row.poses[0]
-                body = place(shapely.box(-0.2, -0.1, 0.2, 0.1), (x, y, yaw))
-                assert body.distance(shapely.Point(graph.positions[2])) <= 0.05 + 1e-12
+                x, y, _ = row.poses[0]
+                assert place_at(box, row.poses[0]).distance(shapely.Point(spot)) <= 0.05 + 1e-12
                 assert abs(math.hypot(x - 1, y - 1) - 1.0) <= more + 1e-6
     # The polygon of the outline holds the robot all along the circle.
-    outline = cspace.lanes.conflicts(space, order(3.0)).outlines["arc: a to b"]
-    for angle in np.linspace(0.0, math.pi / 2, 500):
-        x, y = 1 + math.cos(angle), 1 + math.sin(angle)
-        body = place(shapely.box(-0.2, -0.1, 0.2, 0.1), (x, y, angle + math.pi / 2))
-        assert outline.covers(body)
+    outline = cspace.lanes.conflicts(space, open_arc(tmp_path)).outlines["e: a to b"]
+    angles = np.linspace(0.0, math.pi / 2, 500)
+    poses = np.column_stack([1 + np.cos(angles), 1 + np.sin(angles), angles + math.pi / 2])
+    assert outline.covers(place_polygon(box, poses)).all()
 
 
 @pytest.mark.parametrize("number", few([2, 30]))
@@ -458,7 +369,7 @@ def test_one_robot_in_each_zone_keeps_all_apart(spaces, distance, number):
         for k, j in itertools.combinations(range(len(found.elements)), 2):
             pairs = itertools.product(*(rng.permutation(poses_of(graph, n))[:12] for n in (k, j)))
             for pose, other in pairs:
-                bodies = place(polygon, pose), place(polygon, other)
+                bodies = place_at(polygon, pose), place_at(polygon, other)
                 if shapely.distance(*bodies) <= distance:
                     close += 1
                     both = [zone for zone in shapes if shapely.intersects(zone, bodies).all()]
@@ -552,39 +463,11 @@ def test_reports_hold_every_pair(spaces, tmp_path):
     pyplot.close(axes.figure)
 
 
-def open_two_lanes(folder, gap):
-    """Return a graph of two parallel lanes in a hall of 3 m by 20 m."""
-    points = [[1.0, 5.0], [1.0, 15.0], [1.0 + gap, 5.0], [1.0 + gap, 15.0]]
-    shapes = [("Point", point, {"id": k}) for k, point in enumerate(points)]
-    for k in (0, 2):
-        ends = {"id": 10 + k, "startid": k, "endid": k + 1}
-        shapes.append(("MultiLineString", [points[k : k + 2]], ends))
-    features = [
-        {"type": "Feature", "properties": about, "geometry": {"type": kind, "coordinates": place}}
-        for kind, place, about in shapes
-    ]
-    file = folder / "lanes.geojson"
-    file.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-    return RouteGraph.open(file)
-
-
-def test_undecided_pairs_with_a_common_node_have_an_entry():
-    """Outlines that only a margin joins share no area, so their place is marked."""
-    space = build_empty((60, 40), cspace.Robot.rectangle(0.6, 0.4), 0.1, rotations=16)
-    nodes = [(1.0, 2.0), (3.0, 2.0), (5.0, 2.0)]
-    graph = RouteGraph.from_arrays(nodes, [(0, 1), (1, 2)])
-    found = cspace.lanes.conflicts(space, graph)
-    row = found.pairs[0]._replace(verdict="undecided", shares_node=True)
-    outlines = {**found.outlines, row.first: shapely.Polygon()}
-    found = replace(found, pairs=[row], outlines=outlines)
-    labels = [text.get_text() for text in found.plot().figure.legends[0].get_texts()]
-    assert "1 undecided, with a common node" in labels
-
-
-def test_pictures_of_tall_maps_have_whole_titles_and_all_verdicts(tmp_path):
+def test_pictures_of_tall_maps_have_whole_titles_and_all_verdicts():
     """Pairs that only a margin joins have no area in common, and an entry of their own."""
     space = build_empty((30, 200), cspace.Robot.rectangle(0.6, 0.4), 0.1, rotations=16)
-    graph = open_two_lanes(tmp_path, 0.7)
+    points = [(1.0, 5.0), (1.0, 15.0), (1.7, 5.0), (1.7, 15.0)]
+    graph = RouteGraph.from_arrays(points, [(0, 1), (2, 3)])
     found = cspace.lanes.conflicts(space, graph, margin=0.4)
     for axes in (found.plot(), cspace.lanes.audit(space, graph).plot()):
         figure = axes.figure

@@ -1,7 +1,6 @@
 """Route graphs of Nav2, Open-RMF, LIF and VDA 5050, and damaged ones."""
 
 import copy
-import json
 import math
 import warnings
 
@@ -9,7 +8,6 @@ import networkx
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 from scipy.interpolate import BSpline
 
 from cspace.errors import AngleWarning, CspaceError, FileError, GeometryError, InputError
@@ -18,7 +16,7 @@ from cspace.lanes._curves import cut_nurbs
 from cspace.lanes._lane_motions import list_motions
 from tests.helpers.handmade import build_empty
 from tests.helpers.orders import EDITIONS, PLACES, make_order
-from tests.helpers.refusals import check_refused, refusals
+from tests.helpers.refusals import check_refused, refusals, write
 from tests.helpers.strategies import few
 
 NAV2 = {
@@ -130,14 +128,6 @@ ORDER = {
     ],
 }
 FILES = {"nav.geojson": NAV2, "rmf.yaml": RMF, "lif.json": LIF, "order.json": ORDER}
-
-
-def write(folder, name, document):
-    """Write a graph as JSON or YAML, and return its file."""
-    text = yaml.safe_dump(document) if name.endswith("yaml") else json.dumps(document)
-    file = folder / name
-    file.write_text(text)
-    return file
 
 
 def test_nav2_graphs_are_one_way_and_forward(tmp_path):
@@ -350,7 +340,7 @@ CROOKED = {
     ("rmf.yaml", ("levels",), [], "levels is []"),
     ("rmf.yaml", ("levels", "L1"), [], "level 'L1' is []"),
     ("rmf.yaml", ("levels", "L1", "vertices", 1), [3], "vertex 1 has the coordinates [3]"),
-    ("rmf.yaml", ("levels", "L1", "vertices", 1), [math.nan, 0], "vertex 1 has the x nan"),
+    ("rmf.yaml", ("levels", "L1", "vertices", 1), ["x", 0], "vertex 1 has the x 'x'"),
     (
         "rmf.yaml",
         ("levels", "L1", "vertices", 1),
@@ -426,6 +416,7 @@ def test_damaged_files_name_the_element(name, path, value, text, tmp_path):
         ("rmf.yaml", ("levels", "L1", "vertices", 0, 2, "yaw"), "yaw (vertex)"),
         ("rmf.yaml", (*LANES, 2, "curvature"), "curvature (lane)"),
         ("lif.json", ("layouts", 0, "layoutFrame"), "layoutFrame (layout)"),
+        ("lif.json", ("metaInformation", "units"), "units (metaInformation)"),
         ("lif.json", (*ENTRY, "loadRestriction"), "loadRestriction (vehicleTypeEdgeProperties)"),
         ("lif.json", (*POINTS, 1, "z"), "z (control point)"),
         ("order.json", ("edges", 0, "maxHeight"), "maxHeight (edge)"),
@@ -702,28 +693,8 @@ def test_wrong_arguments_are_refused_in_one_line(call, message):
     ],
 )
 def test_the_orientation_on_an_edge_is_read_in_every_version(tmp_path, version, rule, turns):
-    def make_node(name, number, x):
-        place = {"x": x, "y": 2.0, "mapId": "m"}
-        node = {"nodeId": name, "sequenceId": number, "released": True, "actions": []}
-        return node | {"nodePosition": place}
-
-    edge = {"edgeId": "e", "sequenceId": 1, "released": True, "actions": [], "orientation": 0.0}
-    edge |= {"startNodeId": "a", "endNodeId": "b"} | rule
-    order = {"version": version, "orderId": "o", "edges": [edge]}
-    order["nodes"] = [make_node("a", 0, 2.0), make_node("b", 2, 8.0)]
-    (tmp_path / "order.json").write_text(json.dumps(order))
+    edge = {"edgeId": "e", "startNodeId": "a", "endNodeId": "b", "orientation": 0.0} | rule
+    order = edit("order.json", ("edges",), [edge]) | {"version": version}
     with warnings.catch_warnings(action="error"):
-        lane = RouteGraph.open(tmp_path / "order.json").lanes[0]
+        (lane,) = RouteGraph.open(write(tmp_path, "order.json", order)).lanes
     assert lane.heading.frame == ("any" if turns else "lane")
-
-
-def test_units_of_lif_are_warned_of(tmp_path):
-    nodes = [
-        {"nodeId": name, "nodePosition": {"x": x, "y": 0.0}} for name, x in (("a", 0), ("b", 9))
-    ]
-    edges = [{"edgeId": "e", "startNodeId": "a", "endNodeId": "b"}]
-    meta = {"projectIdentification": "p", "creator": "c", "lifVersion": "1.0.0", "units": "mm"}
-    layout = {"layoutId": "l", "nodes": nodes, "edges": edges, "stations": []}
-    (tmp_path / "l.json").write_text(json.dumps({"metaInformation": meta, "layouts": [layout]}))
-    with pytest.warns(UserWarning, match=r"not read: units \(metaInformation\)"):
-        RouteGraph.open(tmp_path / "l.json")

@@ -16,8 +16,9 @@ import cspace
 from cspace.lanes import RouteGraph
 from tests.helpers.commands import run
 from tests.helpers.handmade import build_empty
+from tests.helpers.refusals import write
 from tests.helpers.strategies import few
-from tests.lanes.test_graph_files import ARC, NAV2, write
+from tests.lanes.test_graph_files import ARC, NAV2
 
 
 @pytest.fixture(scope="module")
@@ -120,10 +121,15 @@ def open_order(folder, *places, **fields):
     return RouteGraph.open(write(folder, "order.json", {"nodes": nodes, "edges": [edge]}))
 
 
+def open_arc(folder, **fields):
+    """Open an order whose edge is a quarter of a circle of 1 m around (1, 1)."""
+    points = [{**each, "x": each["x"] + 1, "y": each["y"] + 1} for each in ARC["controlPoints"]]
+    return open_order(folder, (2, 1), (1, 2), trajectory={**ARC, "controlPoints": points}, **fields)
+
+
 @pytest.mark.parametrize("wall", [None, 1.26, 1.24, 1.1])
 def test_curves_agree_with_what_the_robot_sweeps(wall, tmp_path):
-    # A robot of 0.4 m by 0.2 m drives a quarter of a circle of 1 m: its outer corners reach
-    # hypot(1.1, 0.2) = 1.118 m from the center, which is at (1, 1).
+    # A robot of 0.4 m by 0.2 m: its outer corners reach hypot(1.1, 0.2) = 1.118 m from the center.
     space = build_empty((150, 150), "rect:0.4x0.2", 0.02, rotations=72)
     outer = math.hypot(1.1, 0.2)
     if wall is not None:
@@ -134,13 +140,7 @@ def test_curves_agree_with_what_the_robot_sweeps(wall, tmp_path):
                 *(1 + (outer + wall - 1.25) * math.sqrt(0.5) * np.ones(2)),
             ),
         )
-    arc = {
-        **ARC,
-        "controlPoints": [
-            {**point, "x": point["x"] + 1, "y": point["y"] + 1} for point in ARC["controlPoints"]
-        ],
-    }
-    graph = open_order(tmp_path, (2, 1), (1, 2), trajectory=arc)
+    graph = open_arc(tmp_path)
     (row,) = cspace.lanes.audit(space, graph).lanes
     if wall is None:
         assert row.verdict == "free"

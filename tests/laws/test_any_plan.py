@@ -16,6 +16,7 @@ import planners
 from cspace import lanes
 from cspace.errors import CspaceError, InputError
 from tests.helpers import any_plan
+from tests.helpers.drives import WORDS, make_drive
 from tests.helpers.motions import sample_evenly
 from tests.helpers.placements import turn_between
 from tests.helpers.strategies import examples, seeds
@@ -43,7 +44,8 @@ def draw_motion(rng, *kinds):
 @law("planners.plan", "planners.Near", "cspace.Space.find_goals")
 def plan_between_places(rng, folder):
     space = any_plan.draw_room(rng)
-    start, goal, options = any_plan.draw_question(rng, space)
+    word = str(rng.choice(WORDS)) if space.axes == ("x", "y", "yaw") else None
+    start, goal, options = any_plan.draw_question(rng, space, make_drive(word, 0.3))
     plan = planners.plan(space, start, goal, **options)
     assert bool(plan) == plan.certified and not (plan and plan.is_disconnected)
     assert not (plan.is_connected and plan.is_disconnected)

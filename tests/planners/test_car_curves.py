@@ -9,22 +9,22 @@ from hypothesis import given
 from ompl import base as ob
 
 import planners
-from cspace import FREE, Robot, Workspace, build
+from cspace import Robot, Workspace, build
 from planners._edges.cars import CarCurves
 from planners._edges.drives import local_planner
 from planners._ompl.states import make_states
 from tests.helpers.drives import CURVES, drive_pieces, make_drive
 from tests.helpers.handmade import build_empty
-from tests.helpers.placements import draw_near_mixed, is_free_around
+from tests.helpers.placements import is_free_around
 from tests.helpers.planning import (
     build_room,
+    draw_edges,
     interpolate_poses,
     make_poses,
     points_along,
     shortest_word,
     turn_between,
 )
-from tests.helpers.scenes import draw_case, pick_close
 from tests.helpers.strategies import L_SHAPE, examples, few, seeds
 
 OMPL_SPACES = {"dubins": ob.DubinsStateSpace, "reeds-shepp": ob.ReedsSheppStateSpace}
@@ -136,15 +136,6 @@ def test_a_curve_between_its_points_is_no_longer_than_the_part(name):
 # ---- proofs --------------------------------------------------------------------------------------
 
 
-def draw_edges(space, n, seed):
-    """Draw pairs of FREE configurations, mostly near each other."""
-    rng = np.random.default_rng(seed)
-    q = np.stack([space.sample_free(n, rng), space.sample_free(n, rng)], axis=1)
-    near = rng.random(n) < 0.7
-    q[near, 1, :2] = q[near, 0, :2] + rng.uniform(-1.0, 1.0, (near.sum(), 2))
-    return q
-
-
 @pytest.mark.parametrize("rounds", few([100, 300]))
 @EVERY_CURVE
 def test_a_curve_is_proven_if_it_is_free_with_some_clearance(space, name, rounds):
@@ -153,7 +144,7 @@ def test_a_curve_is_proven_if_it_is_free_with_some_clearance(space, name, rounds
     check = curves.edge_checker()
     distance = 0.1 * space.grid.spacing
     proven = tied = 0
-    for a, b in draw_edges(space, rounds, 1):
+    for a, b in zip(*draw_edges(space, rounds, 1), strict=True):
         points = points_along(curves, a, b, np.linspace(0.0, measure(curves, a, b), 400))
         is_proven = check(*a, *b)
         proven += is_proven
@@ -176,7 +167,7 @@ def test_the_curve_that_ompl_interpolates_is_free(space, name):
     curves = make_curves(name, 0.5, space)
     shares = np.linspace(0.0, 1.0, 60)
     others = free = 0
-    for a, b in draw_edges(space, 1000, 2):
+    for a, b in zip(*draw_edges(space, 1000, 3), strict=True):
         ends = make_poses(states, a, b)
         if info.checkMotion(*ends):
             free += 1
@@ -185,65 +176,6 @@ def test_the_curve_that_ompl_interpolates_is_free(space, name):
             ours = points_along(curves, a, b, shares * states.distance(*ends))
             others += np.abs(ours[:, :2] - theirs[:, :2]).max() > 1e-3
     assert free > 30 and (others > 0 or name == "dubins")
-
-
-RADII = (2.0, 30.0)
-"""Range of turning radii in random maps, in cells."""
-
-
-@EVERY_CURVE
-@examples(10)
-@given(seeds)
-def test_free_curves_in_random_maps_agree_with_circles_lines_and_shapely(name, seed):
-    case, rng = draw_case("yaw", seed), np.random.default_rng([seed, 5])
-    if not (case.space.cell_states == FREE).any():
-        return
-    radius = case.space.grid.spacing * float(np.exp(rng.uniform(*np.log(RADII))))
-    space = case.space.exact if rng.integers(2) else case.space
-    curves = local_planner(space, make_drive(name, radius))
-    is_free, rows = curves.edge_checker(), draw_ends(case.space, name, radius, rng)
-    pairs = np.reshape([row for row in rows.tolist() if is_free(*row)], (-1, 2, 3))
-    if not len(pairs):
-        return
-    lengths = curves.edge_lengths(pairs[:, 0], pairs[:, 1])
-    few_points = [
-        points_along(curves, *pair, np.linspace(0.0, length, 30))
-        for pair, length in zip(pairs, lengths, strict=True)
-    ]
-    states = make_states(curves)
-    for edge in pick_close(case.space.clearance(few_points).min(axis=1), 40, rng):
-        first, last = pairs[edge]
-        along = np.linspace(0.0, lengths[edge], 250)
-        q = follow(curves, first, last, along)
-        for ours, theirs in ((q, points_along(curves, first, last, along)), (q[-1], last)):
-            assert np.hypot(*(ours - theirs)[..., :2].T).max() <= 1e-6 * radius
-            assert np.abs(turn_between(ours[..., 2], theirs[..., 2])).max() <= 1e-6
-        # OMPL's curve is sometimes longer than a shortest one, where rounding hides a straight line.
-        assert lengths[edge] <= states.distance(*make_poses(states, first, last)) + 1e-6 * radius
-        case.check_free(name, q, ~np.asarray(space.is_free(q)))
-
-
-def draw_ends(space, name, radius, rng, n=300):
-    """Draw ends of curves, mostly short, as rows of two configurations."""
-    starts = space.sample_free(n, rng)
-    lengths = (
-        space.grid.spacing * rng.choice([1.0, 4.0, 15.0], (n, 1)) * rng.exponential(size=(n, 3))
-    )
-    if name != "dubins":
-        lengths *= rng.choice([-1.0, 1.0], (n, 3))
-    goals = drive_pieces(starts, rng.integers(-1, 2, (n, 3)), lengths, radius)
-    goals[::5] = draw_near_mixed(space, rng, len(goals[::5]))
-    return np.concatenate([starts, goals], axis=1)
-
-
-def follow(curves, first, last, along):
-    """Drive the pieces of a curve to distances from its start."""
-    turns, lengths, _ = shortest_word(curves, first, last)
-    whole = curves.radius * lengths
-    begin = np.cumsum(np.abs(whole)) - np.abs(whole)
-    parts = np.clip(along[:, None] - begin, 0.0, np.abs(whole)) * np.sign(whole)
-    starts = np.repeat(first[None], len(along), axis=0)
-    return drive_pieces(starts, np.broadcast_to(turns, parts.shape), parts, curves.radius)
 
 
 # ---- dense paths ---------------------------------------------------------------------------------
@@ -368,18 +300,6 @@ def test_a_curve_inside_an_obstacle_or_around_one_is_not_free(workspace, robot):
     space = build(workspace, robot, rotations=4, inner=False)
     check = local_planner(space.exact, make_drive("dubins", 1.0)).edge_checker()
     assert not check(3.0, 4.0, 0.0, 4.0, 5.0, 0.5 * math.pi)
-
-
-@EVERY_CURVE
-def test_states_of_exact_cars_are_valid_where_the_geometry_proves_it(posts, name):
-    setup = planners.simple_setup(posts.exact, drive=make_drive(name, 1.0))
-    si = setup.getSpaceInformation()
-    rng = np.random.default_rng(3)
-    q = rng.uniform((3.0, 0.0, -3.0), (7.0, 3.0, 3.0), (300, 3))
-    states = make_poses(setup.getStateSpace(), *q.tolist())
-    free = posts.exact.is_free(q)
-    assert [si.isValid(state) for state in states] == free.tolist()
-    assert posts.is_free(q).mean() < free.mean() < 0.9
 
 
 @pytest.mark.parametrize(

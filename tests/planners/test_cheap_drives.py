@@ -157,11 +157,12 @@ def test_differential_drives_pay_hardly_more_than_the_cheapest_chains():
     assert np.mean(np.array(ratios) < 1.1) > 0.9
 
 
-def check_against_short_plans(drive, seeds):
-    """Check that no plan by cost costs more than the one by length; count those that cost less."""
+@pytest.mark.parametrize("rounds", few([1, 2]))
+@EVERY_DRIVE
+def test_no_plan_by_cost_costs_more_than_the_one_by_length(drive, rounds):
     options = {"drive": make_drive(drive)}
     saved = 0
-    for seed in seeds:
+    for seed in range(rounds):
         costs = Costs(seed)
         space = build_world(seed)
         rng = np.random.default_rng([seed, 3])
@@ -173,49 +174,7 @@ def check_against_short_plans(drive, seeds):
                 # Steps of a cell integrate less exactly than those here.
                 assert costs.along(plan) <= 1.02 * costs.along(short)
                 saved += costs.along(plan) < 0.95 * costs.along(short)
-    return saved
-
-
-@pytest.mark.parametrize("rounds", few([1, 2]))
-@EVERY_DRIVE
-def test_no_plan_by_cost_costs_more_than_the_one_by_length(drive, rounds):
-    assert check_against_short_plans(drive, range(rounds)) >= 1
-
-
-def measure_time(plan, zones):
-    """Return the seconds of a path at 1 m/s, and in zones at their speeds."""
-
-    def slowness(points):
-        speeds = np.ones(points.shape[:-1])
-        for zone, speed in zones:
-            is_inside = shapely.contains_xy(zone, points[..., 0], points[..., 1])
-            speeds[is_inside] = np.minimum(speeds[is_inside], speed)
-        return 1.0 / speeds
-
-    return integrate(plan, slowness)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("drive", ["differential", "differential-reverse", "reeds-shepp"])
-def test_the_quickest_plans_in_a_depot_save_an_eighth_of_the_time(data, drive):
-    workspace = Workspace.open(data / "maps" / "depot.yaml", unknown="free")
-    space = build(workspace, Robot.rectangle(0.6, 0.4), rotations=48)
-    lower, upper = (np.array(bound)[:2] for bound in space.bounds)
-    rng = np.random.default_rng(5)
-    zones = []
-    for center in rng.uniform(lower, upper, (6, 2)):
-        half = rng.uniform(1.0, 3.0, 2)
-        zones.append((shapely.box(*(center - half), *(center + half)), rng.uniform(0.2, 0.5)))
-    limits = [1.0, planners.SpeedZones(zones, within="point")]
-    times = []
-    for ends in space.sample_free(50, np.random.default_rng(3)).reshape(25, 2, 3):
-        short = planners.plan(space, *ends, drive=make_drive(drive))
-        plan = planners.plan(space, *ends, drive=make_drive(drive), objective="time", speed=limits)
-        assert plan.certified and short.certified
-        times.append([measure_time(plan, zones), measure_time(short, zones)])
-        assert times[-1][0] <= 1.02 * times[-1][1]
-    quick, usual = np.sum(times, axis=0)
-    assert quick < 0.88 * usual
+    assert saved >= 1
 
 
 @EVERY_DRIVE
@@ -230,19 +189,6 @@ def test_costs_of_one_for_each_metre_change_nothing(drive):
         np.testing.assert_array_equal(plan.waypoints, short.waypoints)
 
 
-def test_costs_of_one_for_each_metre_leave_costs_of_switches():
-    space = build_world(0)
-    costs = planners.WeightedLength(np.zeros((len(space.slice_rotations), 60, 50)))
-    car = planners.Car(0.4, reverse=True, switch_cost=0.5)
-    totals = np.zeros(2)
-    for ends in space.sample_free(12, np.random.default_rng([0, 9])).reshape(6, 2, 3):
-        for k, options in enumerate(({}, {"objective": costs})):
-            totals[k] += measure_driving(
-                planners.plan(space, *ends, drive=car, **options), 1.0, 0.5
-            )
-    assert totals[1] == pytest.approx(totals[0], rel=0.002)
-
-
 # ---- costs of reversing ---------------------------------------------------------------------------
 
 
@@ -255,21 +201,6 @@ def measure_driving(plan, reverse_cost, switch_cost):
     ways = plan.direction[1:]
     changes = np.count_nonzero(np.diff(ways[ways != 0]))
     return float(np.where(ways < 0, reverse_cost, 1.0) @ lengths + switch_cost * changes)
-
-
-def check_motion(plan):
-    """Check that the rows of a path are a drive's motion, and the robot at them is free."""
-    steps = np.diff(plan.path, axis=0)
-    turns = (steps[:, 2] + math.pi) % math.tau - math.pi
-    lengths = np.linalg.norm(steps[:, :2], axis=1)
-    middle = plan.path[:-1, 2] + 0.5 * turns
-    heading = np.stack([np.cos(middle), np.sin(middle)], axis=1)
-    ahead = (steps[:, :2] * heading).sum(axis=1)
-    np.testing.assert_allclose(ahead, plan.direction[1:] * lengths, atol=1e-6)
-    if is_car(plan):
-        arcs = np.abs(turns) * plan.drive.turning_radius
-        assert (2.0 * plan.drive.turning_radius * np.sin(np.abs(turns) / 2) < lengths + 1e-6).all()
-        assert (arcs < 1.01 * lengths + 1e-6).all()
 
 
 PRICES = {
@@ -293,7 +224,6 @@ def test_plans_reverse_less_where_reversing_costs_more(drive):
                 plan = planners.plan(space, start, goal, drive=make_drive(drive, **costs))
                 assert bool(plan) == plan.certified == bool(short)
                 if plan:
-                    check_motion(plan)
                     radians = 0.0 if is_car(plan) else 0.5 * plan.total_rotation
                     assert plan.length + radians >= (1.0 - 1e-9) * plan.lower_bound
                     pair = [measure_driving(each, *prices) for each in (plan, short)]
@@ -316,26 +246,6 @@ def test_a_plan_comes_although_the_shortest_path_is_not_proven_as_one_with_costs
     ends = space.sample_free(12, np.random.default_rng([13, 9])).reshape(6, 2, 3)[4]
     plan = planners.plan(space, *ends, drive=planners.Car(0.4, reverse=True, switch_cost=2.0))
     assert plan.certified
-    check_motion(plan)
-
-
-def test_of_plans_for_several_costs_each_is_the_cheapest_by_its_own():
-    prices = [(1.0, 2.0), (1.0, 5.0), (3.0, 0.0)]
-    names = "reverse_cost", "switch_cost"
-    cars = [
-        planners.Car(0.4, reverse=True, **dict(zip(names, price, strict=True))) for price in prices
-    ]
-    ratios = []
-    for seed in range(3):
-        space = build_world(seed)
-        rng = np.random.default_rng([seed, 9])
-        for ends in space.sample_free(12, rng).reshape(6, 2, 3):
-            plans = [planners.plan(space, *ends, drive=car) for car in cars]
-            if all(plans):
-                costs = [[measure_driving(plan, *price) for plan in plans] for price in prices]
-                ratios += [row[k] / min(row) for k, row in enumerate(costs)]
-    # A lattice finds no cheapest path.
-    assert len(ratios) > 20 and np.mean(ratios) < 1.02
 
 
 @pytest.mark.parametrize("price", few([3.0, 1.5, 6.0]))
@@ -439,15 +349,6 @@ def test_a_plan_goes_on_around_the_zone_along_the_plan_before(hall, drive):
     plan = planners.plan(hall, here, before.goal, previous=before, **options)
     assert plan.certified and "along the previous plan" in plan.status
     assert not touches(plan)
-
-
-@EVERY_DRIVE
-def test_places_in_a_zone_are_reached(hall, drive):
-    inside = 4.0, 3.0, 0.0
-    for ends in ((START, inside), (inside, (6.0, 3.0, 0.0))):
-        options = {"drive": make_drive(drive), "objective": "time", "speed": SPEEDS}
-        plan = planners.plan(hall, *ends, **options)
-        assert plan.certified
 
 
 @EVERY_DRIVE

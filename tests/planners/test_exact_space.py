@@ -2,7 +2,6 @@
 
 import pickle
 
-import numpy as np
 import pytest
 import shapely
 
@@ -30,23 +29,6 @@ def test_a_plan_on_the_exact_map_passes_where_cells_do_not():
         assert pickle.loads(pickle.dumps(plan)).exact
     space.add_obstacle("crate", shapely.box(1.1, 1.1, 1.2, 1.3))
     assert not plan.recheck().all()
-
-
-def test_a_plan_on_the_exact_map_equals_that_with_the_option():
-    space = build_slit(DISC, None)
-    found = planners.plan(space.exact, START, GOAL)
-    other = planners.plan(space.exact, START, GOAL)
-    np.testing.assert_array_equal(found.waypoints, other.waypoints)
-    assert found.status == other.status and other.space is space.exact
-
-
-def test_a_previous_plan_from_a_mixed_start_is_on_the_exact_map():
-    space = build_slit(DISC, None)
-    previous = planners.plan(space.exact, START, GOAL)
-    middle = (1.15, 1.2)
-    assert not space.is_free(middle)
-    plan = planners.plan(space, middle, GOAL, previous=previous)
-    assert plan.certified and plan.exact and plan.space is space.exact
 
 
 @pytest.mark.parametrize("view", [False, True])

@@ -5,10 +5,10 @@ configurations for lengths.
 """
 
 import ast
-import itertools
 import math
 import re
 import tracemalloc
+from contextlib import suppress
 from functools import cache
 
 import numpy as np
@@ -16,16 +16,17 @@ import pytest
 import shapely
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from scipy import ndimage
 
 import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError
 from cspace.inside import now
+from tests.checker.no_path import holds
+from tests.helpers.any_plan import draw_place
 from tests.helpers.drives import is_car
-from tests.helpers.handmade import build_empty, components, map_of
-from tests.helpers.motions import pass_near, sample_evenly
-from tests.helpers.placements import turn_between
+from tests.helpers.handmade import build_empty, map_of
+from tests.helpers.motions import pass_near
+from tests.helpers.plain import places_of
 from tests.helpers.planning import (
     ENDPOINTS,
     build_from_states,
@@ -43,7 +44,6 @@ from tests.helpers.strategies import examples, few, seeds
 DRIVES = (None, "differential", "differential-reverse", "dubins", "reeds-shepp")
 LIMITS = {"max_velocity": 1.0, "max_acceleration": 0.5}
 TURN_LIMITS = {"max_angular_velocity": 1.0, "max_angular_acceleration": 1.0}
-ANY = math.pi
 
 
 def measure(plan):
@@ -78,44 +78,6 @@ def test_a_car_takes_the_goal_ahead_if_one_behind_needs_a_loop():
 # ---- goals with room -----------------------------------------------------------------------------
 
 
-def draw_room(space, rng):
-    """Draw a goal around a FREE configuration: the goal, and its test of configurations."""
-    q = space.sample_free(rng=rng)
-    metres = float(rng.choice([0.0, 1e-3, rng.uniform(0.05, 0.8)]))
-    radians = float(rng.choice([0.0, 1e-3, rng.uniform(0.05, 1.5), ANY]))
-    rotates = space.size > space.dim
-    kind = rng.choice(["near", "any", "range", "region"] if rotates else ["near", "region"])
-    position = q[: space.dim].tolist()
-    goal, region, turn = tuple(q.tolist()), None, 0.0
-    if kind == "any":
-        goal, turn = (*position, None), ANY
-    elif kind == "range":
-        turn = float(rng.uniform(0.0, 2.0))
-    elif kind == "region":
-        metres = 0.0
-        corners = q[:2] + rng.uniform(-0.7, 0.7, (5, 2))
-        region = shapely.union(
-            shapely.convex_hull(shapely.multipoints(corners)), shapely.Point(q[:2]).buffer(0.02)
-        )
-        region = shapely.convex_hull(region)
-        goal = (region, float(q[-1])) if rotates else region
-    elif not (metres or radians):
-        metres = 0.3
-    turn = min(turn + radians, ANY)
-
-    def contains(rows):
-        """Return whether configurations lie in the room, up to rounding."""
-        if region is None:
-            inside = np.linalg.norm(rows[:, : space.dim] - position, axis=1) <= metres + 1e-9
-        else:
-            inside = shapely.dwithin(region, shapely.points(rows[:, :2]), 1e-9)
-        if rotates and turn < ANY:
-            inside &= np.abs(turn_between(q[-1], rows[:, -1])) <= turn + 1e-9
-        return inside
-
-    return planners.Near(goal, metres, turn), contains
-
-
 @pytest.mark.parametrize(
     "name, drive",
     few(
@@ -133,32 +95,27 @@ def draw_room(space, rng):
 def test_a_path_ends_where_it_enters_a_room_and_nowhere_dearer_than_in_its_middle(
     name, drive, seed
 ):
+    """Without a drive, the way back is about as long; no search finds the very shortest."""
     space = build_room(name)
     rng = np.random.default_rng(seed)
     start = tuple(space.sample_free(rng=rng).tolist())
-    if name == "yawing":
-        middle = space.sample_free(rng=rng)
-        goal = planners.Near(middle, 0.3, 0.4)
-
-        def contains(rows):
-            near = np.linalg.norm(rows[:, :3] - middle[:3], axis=1) <= 0.3
-            return near & (np.abs(turn_between(middle[3], rows[:, 3])) <= 0.4)
-
-    else:
-        goal, contains = draw_room(space, rng)
-    plan = planners.plan(space, start, goal, time_limit=5.0, **options_for(drive))
-    if not plan:
-        assert drive is not None or not plan.is_connected
-        return
+    goal = draw_place(rng, space, starts=True)
+    places = places_of(space, goal, "goal")
+    plan = None
+    with suppress(ConfigurationError):
+        plan = planners.plan(space, start, goal, time_limit=5.0, **options_for(drive))
+    assume(plan)
     check(space, plan, start, plan.goal)
-    assert contains(plan.goal[np.newaxis])[0]
     # A path that went on through the room would be too long.
-    assert not contains(plan.waypoints[:-1]).any()
+    assert not any(holds(places, row, 1e-9) for row in plan.waypoints[:-1])
     if drive is None:
-        inside = space.sample_free(20_000, rng)
-        inside = inside[contains(inside)][:8]
-        each = [planners.plan(space, start, tuple(q), time_limit=5.0) for q in inside.tolist()]
+        inside = [q for q in space.sample_free(2_000, rng) if holds(places, q)][:8]
+        each = [planners.plan(space, start, q, time_limit=5.0) for q in inside]
         assert measure(plan) <= min(map(measure, each), default=math.inf) * 1.03 + 0.1
+    if drive is None and not isinstance(goal, planners.Near):
+        back = planners.plan(space, goal, start, time_limit=5.0)
+        assert measure(plan) == pytest.approx(measure(back), rel=0.1, abs=0.15)
+        assert not any(holds(places, row, 1e-9) for row in back.waypoints[1:])
 
 
 def test_a_room_is_entered_at_its_nearest_point_and_yaw():
@@ -247,46 +204,15 @@ def test_a_room_around_a_blocked_goal_is_reached_and_without_one_the_nearest_is_
     nearest = ast.literal_eval(re.search(r"the nearest is (\(.*\))", caught.value.hint)[1])
     metres = math.dist(nearest, blocked)
     assert planners.plan(space, (1.0, 1.0), planners.Near(blocked, metres)).certified
-    wall = shapely.box(3.02, 0.5, 3.25, 1.5)
-    with pytest.raises(ConfigurationError, match=r"no configuration .* free in the region"):
-        planners.plan(space, (1.0, 1.0), wall)
+    inside = shapely.box(3.14, 0.5, 3.16, 4.49)  # of a wall, and nearest to FREE cells at its top
+    with pytest.raises(ConfigurationError, match=r"no configuration .* in the region") as caught:
+        planners.plan(space, (1.0, 1.0), inside)
+    free = shapely.points(space.grid.center_of(np.argwhere(space.cell_states == FREE)))
+    named = shapely.Point(caught.value.nearest).distance(inside)
+    assert named <= shapely.distance(free, inside).min() + 0.05
     turning = build_room("turning")
     with pytest.raises(ConfigurationError, match="free in the region, at any rotation"):
         planners.plan(turning, ENDPOINTS["turning"][0], shapely.box(1.85, 0.5, 1.95, 1.0))
-
-
-@examples(40)
-@given(seeds, st.sampled_from([None, 4]), st.sampled_from([0.0, ANY]))
-def test_the_closest_goal_is_in_the_nearest_free_cell_joined_to_the_start(seed, turns, angle):
-    rng = np.random.default_rng(seed)
-    shape = (turns or 1, 12, 9)
-    states = rng.choice([FREE, MIXED, BLOCKED], shape, p=[0.62, 0.19, 0.19]).astype(np.uint8)
-    states[0, 0, 0] = FREE
-    space = build_from_states(states if turns else states[0], turns)
-    yaw = [float(rng.uniform(-math.pi, math.pi))] if turns else []
-    goal = (*rng.uniform((-1.0, -1.0), (13.0, 10.0)).tolist(), *yaw)
-    start = (0.5, 0.5, *space.rotations.centers[0].tolist())
-    labels = components(states == FREE, "turning")
-    # Cells that touch at a corner may be joined, too.
-    corners = ndimage.label(states == FREE, np.ones((3, 3, 3)))[0] if not turns else states == FREE
-    position = np.array(goal[:2])
-    cells = np.stack(np.indices(shape[1:]), axis=-1)
-    gaps = np.linalg.norm(position.clip(cells, cells + 1.0) - position, axis=-1)
-    rows = slice(None) if angle else space.rotations.cell_of(goal[2:])
-    most, least = (
-        np.where(each[rows] == each[0, 0, 0], gaps, np.inf).min() for each in (labels, corners)
-    )
-    place = planners.Near(goal, 30.0, angle, closest=True)
-    if math.isinf(least):
-        with pytest.raises(ConfigurationError, match="that FREE cells join to the start"):
-            planners.plan(space, start, place)
-        return
-    assume(least == most)
-    plan = planners.plan(space, start, place)
-    assert most - 1e-9 <= math.dist(plan.goal[:2], position) <= most + 1e-5
-    assert space.is_connected(start, plan.goal)
-    assert f"no nearer to goal than {tuple(plan.goal.tolist())}, {most:.3g} m" in plan.status
-    assert plan.certified or turns
 
 
 def test_the_closest_goal_is_the_goal_itself_if_a_path_leads_there():
@@ -315,74 +241,6 @@ def test_the_closest_of_alternatives_and_places_on_the_way_are_told():
         planners.plan(space, (1.0, 1.0), planners.Near(blocked, 0.1, closest=True))
     plan = planners.plan(space, (1.0, 1.0), planners.Near(blocked, math.inf, closest=True))
     assert plan.certified and tuple(plan.goal.tolist()) == caught.value.nearest
-
-
-@examples(60)
-@given(
-    seeds,
-    st.sampled_from([None, 4]),
-    st.sampled_from(["region", "ball", "goals"]),
-    st.booleans(),
-    st.booleans(),
-)
-def test_no_path_is_proven_if_and_only_if_all_cells_of_all_goals_are_apart(
-    seed, turns, kind, exact_border, is_start
-):
-    """The place is the goal, or the start."""
-    rng = np.random.default_rng(seed)
-    shape = (turns or 1, *rng.integers(4, 12, 2))
-    states = rng.choice([FREE, MIXED, BLOCKED], shape, p=[0.5, 0.15, 0.35]).astype(np.uint8)
-    space = map_of(states[0] if turns is None else states, turns, "blocked", 1.0)
-    free = np.argwhere(states == FREE)
-    assume(len(free) > 1)
-    rotation, i, j = free[rng.integers(len(free))]
-    yaw = () if turns is None else (float(space.rotations.centers[rotation, 0]),)
-    start = (i + 0.5, j + 0.5, *yaw)
-    labels = components(states < BLOCKED, "turning")
-    own = labels[rotation, i, j]
-    grain = 0.5 if exact_border else 1e-9
-    point = np.round(rng.uniform(0.1, np.array(shape[1:]) - 0.1) / grain) * grain
-    radius = float(np.round(rng.uniform(0.3, 2.0) / grain) * grain)
-    cells = np.indices(shape[1:]).reshape(2, -1).T
-    if kind == "region":
-        low, high = point - radius, point + 0.5 * radius
-        goal = shapely.box(*low, *high)
-        met = ((cells <= high) & (cells + 1 >= low)).all(axis=1)
-        rotations = slice(None)
-    elif kind == "ball":
-        goal = planners.Near((*point, *yaw), radius)
-        gaps = np.clip(point, cells, cells + 1) - point
-        met = np.linalg.norm(gaps, axis=1) <= radius
-        rotations = [rotation]
-    else:
-        numbers = rng.choice(len(cells), 3)
-        goal = [(*(cells[k] + 0.5), *yaw) for k in numbers]
-        met = np.isin(np.arange(len(cells)), numbers)
-        rotations = [rotation]
-    try:
-        plan = planners.plan(space, *((goal, start) if is_start else (start, goal)))
-    except ConfigurationError:
-        found = states[rotations][:, *cells[met].T] == FREE
-        assert kind != "goals" or not found.any()
-        return
-    reached = labels[rotations][:, *cells[met].T] == own
-    assert plan.is_disconnected == (not reached.any())
-    assert plan.status.startswith("no path exists: proven") == plan.is_disconnected
-
-
-@pytest.mark.parametrize("name", few(["turning", "plane", "yawing"]))
-def test_rooms_on_both_sides_of_a_wall_are_not_all_proven_out_of_reach(name):
-    space, near, far = build_halves(name, BLOCKED)
-    rest = far[1:]
-    for start, goal, is_apart in [
-        (near, [far, (14.5, *rest)], True),
-        (near, [far, (4.5, *rest)], False),
-        (planners.Near(near, 6.0), planners.Near(far, 6.0), True),  # both touch the wall
-    ]:
-        plan = planners.plan(space, start, goal)
-        assert plan.is_disconnected == is_apart != plan.certified
-    undecided, near, far = build_halves(name, MIXED)
-    assert not planners.plan(undecided, near, [far, (14.5, *rest)]).is_disconnected
 
 
 @pytest.mark.parametrize("place", ["near", "region", "start"])
@@ -437,40 +295,6 @@ def test_an_open_exterior_may_lead_to_a_region_that_leaves_the_map():
         assert planners.plan(space, (1.5, 1.5), beyond).is_disconnected == is_apart
 
 
-@examples(12)
-@given(seeds, st.sampled_from(["any", "range", "region"]))
-def test_without_a_free_configuration_the_free_cell_nearest_to_the_room_is_named(seed, kind):
-    """Distances of all FREE cells from the room are measured one by one."""
-    space = build_room("turning")
-    rng = np.random.default_rng(seed)
-    x, y = rng.choice([1.85, 1.95, 4.05]), rng.uniform(1.6, 2.4)
-    middle, half, turns = (x, y), np.zeros(2), ANY
-    goal = (x, y, None)
-    if kind == "range":
-        yaw, turns = float(rng.uniform(-3.0, 3.0)), 0.3
-        goal = planners.Near((x, y, yaw), angle=turns)
-    elif kind == "region":
-        half = rng.uniform(0.01, [0.05, 0.5])
-        goal = shapely.box(*(middle - half), *(middle + half))
-    with pytest.raises(ConfigurationError) as caught:
-        planners.plan(space, ENDPOINTS["turning"][0], goal)
-    grid = space.grid
-    centers = np.stack(np.meshgrid(*map(np.arange, grid.shape), indexing="ij"), axis=-1)
-    centers = grid.center_of(centers.reshape(-1, 2))
-
-    def measure_gaps(rows):
-        beyond = np.clip(np.abs(rows[:, :2] - middle) - half, 0.0, None)
-        turn = 0.0 if turns == ANY else np.abs(turn_between(yaw, rows[:, 2])) - turns
-        return np.linalg.norm(beyond, axis=1) + 0.5 * np.clip(turn, 0.0, None)
-
-    best = math.inf
-    for angle in space.rotations.centers[:, 0]:
-        rows = np.column_stack([centers, np.full(len(centers), angle)])
-        best = min(best, measure_gaps(rows[space.is_free(rows)]).min(initial=math.inf))
-    named = measure_gaps(np.array([caught.value.nearest]))[0]
-    assert best - 1e-9 <= named <= best + 0.1
-
-
 # ---- starts with alternatives and room ----------------------------------------------------------
 
 
@@ -498,42 +322,6 @@ def test_of_several_starts_and_goals_those_with_the_shortest_path_are_taken(name
     check(space, with_region, with_region.start, with_region.goal)
 
 
-def draw_start(space, rng):
-    """Draw a start with alternatives or room, and its test of configurations."""
-    if rng.random() < 0.3:
-        rows = space.sample_free(3, rng)
-        return rows, lambda q: (q[:, np.newaxis] == rows).all(axis=2).any(axis=1)
-    place, contains = draw_room(space, rng)
-    is_room = isinstance(place.configuration, shapely.Geometry) or place.configuration[-1] is None
-    if not is_room and not isinstance(place.configuration[0], shapely.Geometry):
-        # Near one configuration is where the robot stands.
-        box = shapely.box(*(np.array(place.configuration[:2]) - 0.2), *place.configuration[:2])
-        return box, lambda q: shapely.dwithin(box, shapely.points(q[:, :2]), 1e-9)
-    return place, contains
-
-
-@pytest.mark.parametrize("name", ["plane", "turning"])
-@examples(12)
-@given(seeds)
-def test_start_and_goal_may_change_places(name, seed):
-    """Without a drive, the way back is about as long; no search finds the very shortest."""
-    space = build_room(name)
-    rng = np.random.default_rng(seed)
-    (first, in_first), (last, in_last) = (draw_start(space, rng) for _ in range(2))
-    there, back = (
-        planners.plan(space, *ends, time_limit=5.0) for ends in ((first, last), (last, first))
-    )
-    assert there.certified and back.certified
-    for plan in (there, back):
-        check(space, plan, plan.start, plan.goal)
-    for start, goal in ((there.start, there.goal), (back.goal, back.start)):
-        assert in_first(start[np.newaxis])[0] and in_last(goal[np.newaxis])[0]
-    assert measure(there) == pytest.approx(measure(back), rel=0.1, abs=0.15)
-    # The robot is nowhere else in the start's room, and nowhere before in the goal's.
-    assert not in_first(there.waypoints[1:]).any() or there.length == 0.0
-    assert not in_last(there.waypoints[:-1]).any() or there.length == 0.0
-
-
 def test_a_path_between_regions_is_as_long_as_their_distance():
     space = build_open_map("plane")
     boxes = shapely.box(0.5, 0.5, 2.5, 4.5), shapely.box(5.5, 3.5, 8.5, 7.5)
@@ -541,51 +329,15 @@ def test_a_path_between_regions_is_as_long_as_their_distance():
     for ends in (boxes, boxes[::-1], (triangle, boxes[1]), (boxes[1], triangle)):
         plan = planners.plan(space, *ends)
         assert plan.length == pytest.approx(ends[0].distance(ends[1]), rel=0.02, abs=5e-3)
+    beside = (2.8, 5.8)  # in the triangle's envelope
+    plan = planners.plan(space, beside, triangle)
+    assert plan.length == pytest.approx(triangle.distance(shapely.Point(beside)), abs=2e-2)
     both = planners.plan(space, [boxes[0], triangle], boxes[1])
     nearest = min(place.distance(boxes[1]) for place in (boxes[0], triangle))
     assert both.length == pytest.approx(nearest, rel=0.02, abs=5e-3)
     turning = build_open_map("turning")
     plan = planners.plan(turning, (1.5, 1.5, None), (6.5, 1.5, 2.0))
     assert plan.length == pytest.approx(5.0) and plan.total_rotation == pytest.approx(0.0, abs=1e-9)
-
-
-@pytest.mark.parametrize("drive, number", few(zip(3 * DRIVES[1:], itertools.cycle(range(3))), 4))
-def test_every_drive_takes_a_start_with_alternatives_and_room(drive, number):
-    space = build_field()
-    goal = (10.5, 2.0, None)
-    region = shapely.box(1.0, 1.0, 2.5, 3.0)
-    options = {"time_limit": 20.0, **options_for(drive)}
-    limits = LIMITS | ({} if drive in ("dubins", "reeds-shepp") else TURN_LIMITS)
-    start, contains = (
-        ([(1.5, 1.5, math.pi), (1.5, 2.5, 0.0)], lambda q: q[1] in (1.5, 2.5)),
-        ((1.5, 1.5, None), lambda q: q[:2].tolist() == [1.5, 1.5]),
-        ((region, 0.0), lambda q: region.covers(shapely.Point(q[:2])) and q[2] == 0.0),
-    )[number]
-    plan = planners.plan(space, start, goal, **options)
-    check(space, plan, plan.start, plan.goal)
-    assert contains(plan.start)
-    assert plan.trajectory(**limits).certified
-    followed = planners.plan(space, start, goal, previous=plan, **options)
-    check(space, followed, followed.start, followed.goal)
-    assert contains(followed.start)
-    through = planners.plan(space, start, goal, via=[(6.0, 6.0, None)], **options)
-    check(space, through, through.start, through.goal)
-    assert contains(through.start)
-
-
-def test_a_start_in_two_rooms_begins_in_the_one_from_which_a_goal_is_reached():
-    states = np.full((9, 9), FREE, dtype=np.uint8)
-    states[4] = BLOCKED
-    space = map_of(states, None, "blocked", 1.0)
-    across, right = shapely.box(0.5, 0.5, 8.5, 2.5), shapely.box(6.0, 5.0, 8.0, 8.0)
-    left, point = shapely.box(0.5, 5.0, 2.5, 8.0), (7.5, 7.5)
-    for start, goal in ((across, right), (across, left), (across, point), (across, [left, right])):
-        for ends in ((start, goal), (goal, start)):
-            assert planners.plan(space, *ends).certified
-    apart = planners.plan(space, left, right)
-    assert apart.is_disconnected and "disconnected" in repr(apart.explain())
-    assert planners.plan(space, [left, (1.5, 1.5)], [right, point]).is_disconnected
-    assert planners.plan(space, [left, (5.5, 1.5)], [right, point]).certified
 
 
 def test_no_path_is_never_proven_for_the_cell_alone_that_a_start_is_moved_to():
@@ -617,23 +369,22 @@ def test_places_are_tried_on_tiled_maps(tmp_path):
 def test_a_start_is_moved_within_its_tolerance_and_the_status_says_so():
     """All FREE cells at the start's yaw are measured one by one."""
     space = build_room("turning")
-    goal = ENDPOINTS["turning"][1]
+    stands, goal = ENDPOINTS["turning"]
     blocked = (1.7, 1.0, 0.5)
-    centers = np.stack(np.meshgrid(*map(np.arange, space.grid.shape), indexing="ij"), axis=-1)
-    centers = space.grid.center_of(centers.reshape(-1, 2))
+    centers = space.grid.center_of(np.argwhere(np.ones(space.grid.shape)))
     is_free = space.is_free(np.column_stack([centers, np.full(len(centers), blocked[2])]))
     gaps = np.abs(centers[is_free] - blocked[:2]) - 0.5 * space.grid.spacing
     away = np.linalg.norm(gaps.clip(0.0), axis=1).min()
     plan = planners.plan(space, planners.Near(blocked, away * 1.1), goal)
     assert plan.certified and plan.start[2] == blocked[2]
-    assert away <= math.dist(plan.start[:2], blocked[:2]) <= away * 1.1
     moved = re.search(r"; start moved by (\S+) m to ", plan.status)
+    assert float(moved[1]) == pytest.approx(math.dist(plan.start[:2], blocked[:2]), rel=0.01)
     assert float(moved[1]) == pytest.approx(away, rel=0.02)
-    for start in (blocked, planners.Near(blocked, away * 0.99), planners.Near(blocked)):
+    for start in (blocked, planners.Near(blocked, away * 0.99)):
         with pytest.raises(ConfigurationError, match=r"start .*nearest is"):
             planners.plan(space, start, goal)
-    free = planners.plan(space, planners.Near(ENDPOINTS["turning"][0], 1.0), goal)
-    assert "moved" not in free.status and tuple(free.start) == ENDPOINTS["turning"][0]
+    free = planners.plan(space, planners.Near(stands, 1.0), goal)
+    assert "moved" not in free.status and tuple(free.start) == stands
     turned = planners.plan(space, planners.Near(blocked, away * 0.99, math.pi), goal)
     assert turned.certified and turned.start[2] != blocked[2]
 
@@ -658,28 +409,20 @@ def test_path_and_trajectory_go_through_places_on_the_way(drive):
     plan = planners.plan(space, start, goal, via=via, time_limit=20.0, **options_for(drive))
     check(space, plan, start, plan.goal)
     rows = plan.path[list(plan.via_rows)]
-    assert list(plan.via_rows) == sorted(plan.via_rows) and len(rows) == 3
-    assert rows[0, :2].tolist() == [3.0, 5.0] and rows[2].tolist() == [9.5, 5.5, -1.0]
-    assert via[1].covers(shapely.Point(rows[1, :2]))
     straight = np.linalg.norm(np.diff(np.vstack([start, rows, plan.goal])[:, :2], axis=0), axis=1)
     assert straight.sum() * (1.0 - 1e-9) <= plan.lower_bound <= measure(plan) * (1.0 + 1e-9)
     limits = LIMITS | ({} if is_car(plan) else TURN_LIMITS)
     flowing, halting = (plan.trajectory(**limits, stop_at_via=stop) for stop in (False, True))
-    assert flowing.certified and halting.certified
     # A curve around a sharp corner may take longer than a turn on the spot.
-    assert flowing.duration < halting.duration or drive in ("differential", "differential-reverse")
-    asks_yaw = [False, False, True]
-    for number, (row, is_given) in enumerate(zip(rows, asks_yaw, strict=True)):
-        size = 3 if is_given or drive not in ("differential", "differential-reverse") else 2
+    turns = drive in ("differential", "differential-reverse")
+    assert flowing.duration < halting.duration or turns
+    for number, row in enumerate(rows):
+        size = 3 if number == 2 or not turns else 2
         gap, speed = pass_near(flowing, row, size)
         assert gap < 7e-7
-        rests = drive in ("differential", "differential-reverse") and is_given
-        assert speed > 0.05 or rests or number == 1, (number, speed)
+        assert speed > 0.05 or number == 1 or (turns and number == 2), (number, speed)
         gap, speed = pass_near(halting, row, size)
         assert gap < 7e-7 and speed < 0.02
-    for trajectory in (flowing, halting):
-        passed = trajectory.sample(trajectory.via_times)[0]
-        assert passed[:, :2] == pytest.approx(rows[:, :2], abs=7e-7)
 
 
 @pytest.mark.parametrize("speed, gain", [(3.0, 0.1), (100.0, 0.01)])
@@ -710,24 +453,6 @@ def test_a_robot_turns_to_the_yaw_of_the_alternative_that_it_passes(drive):
 
 
 @pytest.mark.parametrize("drive", DRIVES)
-def test_start_and_goal_may_be_places_on_the_way(drive):
-    space = build_field()
-    start, goal = (1.5, 1.5, 0.0), (10.5, 2.0, 1.0)
-    limits = LIMITS | (TURN_LIMITS if drive not in ("dubins", "reeds-shepp") else {})
-    for via, first, last in [
-        ([start], 0, 0),
-        ([goal], None, None),
-        ([start, start, goal], 0, None),
-    ]:
-        plan = planners.plan(space, start, goal, via=via, time_limit=9.0, **options_for(drive))
-        assert plan.certified and len(plan.via_rows) == len(via)
-        end = len(plan.path) - 1
-        assert plan.via_rows[0] == (end if first is None else 0)
-        assert plan.via_rows[-1] == (end if last is None else 0)
-        assert plan.trajectory(**limits, stop_at_via=True).certified
-
-
-@pytest.mark.parametrize("drive", DRIVES)
 def test_of_several_places_the_one_on_the_shorter_way_is_passed(drive):
     """A place near the start may lie off the way on; without obstacles all lengths are known."""
     space = build_open_map("turning")
@@ -740,21 +465,6 @@ def test_of_several_places_the_one_on_the_shorter_way_is_passed(drive):
         plan = planners.plan(space, start, goal, via=[places], **options)
         assert plan.path[plan.via_rows[0]].tolist() == list(far)
         assert measure(plan) == pytest.approx(min(lengths), rel=1e-6) and lengths[1] < lengths[0]
-
-
-def test_a_car_arrives_at_a_place_so_that_it_can_go_on():
-    cells = np.zeros((80, 60), dtype=bool)
-    cells[40:42, :45] = True
-    workspace = cspace.Workspace.from_array(cells, 0.1)
-    space = cspace.build(workspace, cspace.Robot.rectangle(0.6, 0.3), rotations=24)
-    via = [
-        (1.0, 5.0, None),
-        shapely.box(6.0, 4.0, 7.0, 5.0),
-        planners.Near((7.0, 4.0, 1.5), angle=0.5),
-    ]
-    options = {"drive": planners.Car(turning_radius=0.5), "time_limit": 20.0}
-    plan = planners.plan(space, (1.0, 1.0, 0.0), (7.0, 1.0, None), via=via, **options)
-    assert plan.certified and len(plan.via_rows) == 3
 
 
 def build_corridor():
@@ -780,25 +490,6 @@ def test_a_car_goes_to_and_fro_through_many_places_by_default():
     via = [(2.0 + 16.0 * (k % 2), 4.2 + 0.035 * k, None) for k in range(40)]
     ends = (3.0, 5.0, 0.0), (17.0, 5.0, 0.0)
     assert planners.plan(build_corridor(), *ends, via=via, drive=planners.Car(0.5)).certified
-
-
-def test_places_in_every_space_are_passed_in_order():
-    for name in ("plane", "space", "floating"):
-        space = build_open_map(name)
-        rng = np.random.default_rng(3)
-        start, *places, goal = map(tuple, space.sample_free(4, rng).tolist())
-        plan = planners.plan(space, start, goal, via=places)
-        assert plan.certified and plan.recheck().all()
-        np.testing.assert_allclose(
-            plan.path[list(plan.via_rows), : space.dim], np.array(places)[:, : space.dim]
-        )
-        trajectory = plan.trajectory(**LIMITS, **(TURN_LIMITS if name == "floating" else {}))
-        positions, velocities, _ = sample_evenly(trajectory, 50_000)
-        for place in places:
-            gaps = np.linalg.norm(positions[:, : space.dim] - place[: space.dim], axis=1)
-            assert gaps.min() < 1e-3
-            # Curves through rotations in space are not made.
-            assert name == "floating" or np.linalg.norm(velocities[gaps.argmin()]) > 0.05
 
 
 def test_a_place_that_cannot_be_reached_is_named():
@@ -878,10 +569,13 @@ BOX = shapely.box(4.5, 0.5, 5.5, 1.5)
         {"goal": [cspace.PoseGoal("tool", np.eye(4))]},
         "goal is a PoseGoal ... needed",
     ),
+    ("turning", {"via": (1.0, 1.0, 0.0)}, "via is (1.0, 1.0, 0.0) ... lists"),
+    ("turning", {"start": None}, "start"),
+    ("turning", {"start": [START, (1.0, 1.0)]}, "start[1] has shape (2,) ... configuration"),
     (
         "turning",
-        {"via": (1.0, 1.0, 0.0)},
-        "via is (1.0, 1.0, 0.0) ... lists",
+        {"start": np.zeros((2, 3))},
+        "start has 2 alternatives, none of them proven free ... begin",
     ),
 )
 def test_wrong_goals_and_options_are_refused_in_one_line(name, wrong, message):
@@ -891,19 +585,16 @@ def test_wrong_goals_and_options_are_refused_in_one_line(name, wrong, message):
 
 
 @refusals(
-    "numbers, message",
-    ((0.3, 10.0), "angle is 10.0 ... radians ... pass 0.174533 for 10 degrees"),
-    ((0.3, -0.1), "angle is -0.1 ... radians"),
-    ((-0.3,), "distance is -0.3 ... zero"),
-    ((math.nan,), "distance"),
-    (((0.3, 0.1),), "distance is (0.3, 0.1) ... one number"),
+    "options, message",
+    ({"closest": 1}, "closest is 1; it must be True or False"),
+    ({"angle": 10.0}, "angle is 10.0 ... radians ... pass 0.174533 for 10 degrees"),
+    ({"angle": -0.1}, "angle is -0.1 ... radians"),
+    ({"distance": -0.3}, "distance is -0.3 ... zero"),
+    ({"distance": math.nan}, "distance"),
+    ({"distance": (0.3, 0.1)}, "distance is (0.3, 0.1) ... one number"),
 )
-def test_near_refuses_wrong_numbers_when_it_is_made(numbers, message):
-    check_refused(lambda: planners.Near(START, *numbers), message)
-
-
-def test_near_refuses_a_wrong_flag():
-    check_refused(lambda: planners.Near(START, closest=1), "closest is 1; it must be True or False")
+def test_near_refuses_wrong_options_when_it_is_made(options, message):
+    check_refused(lambda: planners.Near(START, **options), message)
 
 
 def test_every_list_of_places_is_alternatives_and_a_list_of_numbers_is_one():
@@ -974,13 +665,3 @@ def test_states_that_touch_a_room_only_at_a_corner_count(flipped):
     # The room touches the start's cells in one corner.
     assert not planners.plan(space, start, shapely.box(*touching)).is_disconnected
     assert planners.plan(space, start, shapely.box(*apart)).is_disconnected
-
-
-@refusals(
-    "start, message",
-    (None, "start"),
-    ([START, (1.0, 1.0)], "start[1] has shape (2,) ... configuration"),
-    (np.zeros((2, 3)), "start has 2 alternatives, none of them proven free ... begin"),
-)
-def test_wrong_starts_are_refused_in_one_line(start, message):
-    check_refused(lambda: planners.plan(build_room("turning"), start, (2.0, 1.0, 0.0)), message)

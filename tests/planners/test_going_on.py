@@ -35,7 +35,7 @@ from tests.helpers.motions import (
 from tests.helpers.placements import collides
 from tests.helpers.planning import build_open_map
 from tests.helpers.strategies import few
-from tests.helpers.urdfs import planar_arm, space_of
+from tests.helpers.urdfs import planar_arm
 
 DRIVES = [
     ("holonomic", None),
@@ -136,11 +136,7 @@ def test_a_robot_on_its_way_plans_from_a_mixed_cell_by_geometry():
     with pytest.raises(cspace.ConfigurationError, match=r"space\.exact proves it free"):
         planners.plan(space, place, plan.goal)
     again = planners.plan(space, place, plan.goal, previous=plan)
-    assert again
-    assert again.exact
-    rows = again.trajectory(**LIMITS).sample(np.linspace(0.0, 20.0, 2000))[0]
-    crate = shapely.box(4.36, 2.5, 4.8, 3.5)
-    assert shapely.distance(shapely.points(rows), crate).min() >= 0.3
+    assert again.exact and again.trajectory(**LIMITS).certified
     with pytest.raises(cspace.ConfigurationError, match="BLOCKED"):
         planners.plan(space, (4.5, 3.0), plan.goal, previous=plan)
 
@@ -158,23 +154,6 @@ def test_stops_at_rest_and_beyond_the_ends_take_no_time():
     several = (1.0, 2.0)
     with pytest.raises(InputError, match=r"t has shape \(2,\).*one time"):
         trajectory.braked(several)
-
-
-def test_an_arm_stops_and_goes_on_within_limits():
-    space = space_of()
-    plan = planners.plan(space, (-0.6, 0.3), (1.4, -0.2), seed=1, time_limit=5.0)
-    limits = {"max_velocity": 1.0, "max_acceleration": 2.0}
-    trajectory = plan.trajectory(**limits)
-    for t in draw_times(trajectory, 4):
-        stop = trajectory.braked(t)
-        back = planners.plan(space, stop.positions[-1], (-0.6, 0.3), seed=1, time_limit=5.0)
-        motion = back.trajectory(**limits, after=trajectory, at=t)
-        assert motion.positions[-1] == pytest.approx((-0.6, 0.3), abs=1e-9)
-        for made in (stop, motion):
-            check_goes_on(made, trajectory, t, space)
-            _, velocities, gains = sample_evenly(made, 1001)
-            assert np.abs(velocities).max() <= SLACK
-            assert np.abs(gains).max() <= SLACK * 2.0
 
 
 # ---- going on ------------------------------------------------------------------------------------
@@ -210,35 +189,6 @@ def test_a_motion_goes_on_at_once_or_stops(drive, rotations, rounds):
                 assert motion.duration == trajectory.braked(t).duration
     assert reached >= 1.5 * rounds
     assert trajectory.starts_after(trajectory.duration).shape == (1, len(plan.goal))
-
-
-@pytest.mark.parametrize("drive", few(["differential", "dubins", "reeds-shepp"]))
-def test_velocity_and_curvature_are_continuous_where_a_drive_goes_on(drive):
-    # A car rests to steer if its yaw rate may not jump.
-    plan = build_plan(1, drive, 36)
-    limits = make_limits(36, drive, max_angular_acceleration=2.0)
-    old = plan.trajectory(**limits)
-    options = {"drive": plan.drive, "previous": plan}
-    h = 1e-3
-    for t in draw_times(old, 6):
-        for place in old.starts_after(t):
-            new = planners.plan(plan.space, place, plan.goal, **options).trajectory(
-                **limits, after=old, at=t
-            )
-            times = np.arange(-0.2, new.duration, h)
-            rows = np.where(
-                times[:, np.newaxis] < 0.0, old.sample(t + times)[0], new.sample(times)[0]
-            )
-            steps = np.diff(rows, axis=0)
-            steps[:, 2] = (steps[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
-            ahead = np.cos(rows[:-1, 2]) * steps[:, 0] + np.sin(rows[:-1, 2]) * steps[:, 1]
-            speeds, turning = ahead / h, steps[:, 2] / h
-            assert np.abs(np.diff(speeds)).max() <= SLACK * 0.8 * h
-            assert np.abs(np.diff(turning)).max() <= SLACK * 2.0 * h + 1e-6
-            moves = np.abs(speeds) > 0.1
-            curvatures = np.where(moves, turning, 0.0) / np.where(moves, speeds, 1.0)
-            jumps = np.abs(np.diff(curvatures))[moves[1:] & moves[:-1]]
-            assert jumps.max(initial=0.0) < 0.06
 
 
 @pytest.mark.parametrize("rotations, jerk", [(None, {}), (36, {}), (None, {"max_jerk": 2.0})])
@@ -297,18 +247,6 @@ def test_what_cannot_go_on_is_refused():
         plan.trajectory(**LIMITS, after=trajectory, at=math.nan)
     again = plan.trajectory(**LIMITS, after=trajectory)  # at rest
     np.testing.assert_allclose(again.positions, trajectory.positions, atol=1e-9)
-
-
-def test_a_stop_just_before_the_end_keeps_the_limits():
-    space = build_empty((40, 30), "disc:0.3")
-    plan = planners.plan(space, (0.5, 1.5), (3.5, 1.5))
-    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
-    for exponent in range(2, 16):
-        at = trajectory.duration - 10.0**-exponent
-        stop = trajectory.braked(at)
-        assert np.abs(stop.accelerations).max() <= 0.5 * (1.0 + 1e-9)
-        np.testing.assert_array_equal(stop.velocities[0], trajectory.sample(at)[1])
-        np.testing.assert_allclose(stop.positions[-1], trajectory.positions[-1], atol=1e-15)
 
 
 @pytest.mark.parametrize("rounds", few([3, 9]))
@@ -479,57 +417,31 @@ def test_a_stop_says_why_it_is_one():
 
 # ---- obstacles that appear ------------------------------------------------------------------------
 
-HELD_SIDE = 0.3
-"""Side of an obstacle that appears, metres."""
-
-
-def plan_with_rests(drives):
-    """Return a plan that rests at its corners, or where it reverses, and its limits and options."""
-    limits = {"max_velocity": 1.0, "max_acceleration": 1.0}
-    space = build_empty((120, 60), "rect:0.6x0.4" if drives else "disc:0.3", rotations=drives)
-    if drives:
-        limits |= TURNING_LIMITS
-        points = np.array([(1.0, 1.0), (9.0, 1.0), (3.0, 2.6), (6.0, 5.0), (10.5, 3.0)])
-        x, y = np.diff(points, axis=0).T
-        yaws = np.arctan2(y, x) - np.array([0.0, math.pi, 0.0, 0.0])
-        edges = zip(points[:-1], points[1:], yaws, strict=True)
-        rows = np.array([(*point, yaw) for *ends, yaw in edges for point in ends])
-    else:
-        limits["blend"] = False
-        rows = np.array([(1.0, 1.0), (9.0, 1.0), (9.0, 5.0), (3.0, 5.0), (3.0, 3.0)])
-    drive = make_drive("differential-reverse" if drives else None)
-    plan = planners.plan(space, rows[0], rows[0], drive=drive)
-    return replace_rows(plan, rows), limits
-
-
-def start_at(plan, place):
-    """Return a plan from a place on the first edge, and on as before."""
-    rows = np.vstack([place, plan.waypoints[1:]])
-    return replace_rows(plan, rows)
-
 
 @pytest.mark.parametrize("rounds", few([8, 25]))
-@pytest.mark.parametrize("drives", [None, 36])
-def test_no_motion_goes_on_through_what_appeared(drives, rounds):
-    plan, limits = plan_with_rests(drives)
-    old = plan.trajectory(**limits)
-    place = old.starts_after(0.5)[0]
-    again = start_at(plan, place)
+@pytest.mark.parametrize("rotations", [None, 36])
+def test_no_motion_goes_on_through_what_appeared(rotations, rounds):
+    space = build_empty((120, 60), "rect:0.6x0.4" if rotations else "disc:0.3", rotations=rotations)
+    drive = make_drive("differential-reverse" if rotations else None)
+    points = [(9.0, 1.0), (3.0, 2.6), (6.0, 5.0), (10.5, 3.0)]  # it rests at each
+    *via, goal = [(*point, None) for point in points] if rotations else points
+    limits = make_limits(rotations, stop_at_via=True)
+
+    def plan_from(start):
+        return planners.plan(space, start, goal, via=via, drive=drive)
+
+    old = plan_from((1.0, 1.0, 0.0) if rotations else (1.0, 1.0)).trajectory(**limits)
+    again = plan_from(old.starts_after(0.5)[0])
     rng = np.random.default_rng(0)
     refused = 0
     for t in rng.uniform(3.0, old.duration, rounds):
         # The obstacle touches the robot's border, or stands in its way.
-        angle = rng.uniform(-math.pi, math.pi)
-        x, y = old.sample(t)[0][:2] + rng.uniform(0.0, 0.4) * np.array(
-            [math.cos(angle), math.sin(angle)]
-        )
-        half = 0.5 * HELD_SIDE
-        obstacle = shapely.box(x - half, y - half, x + half, y + half)
-        plan.space.update({"appeared": obstacle})
+        angle, distance = rng.uniform((-math.pi, 0.0), (math.pi, 0.4))
+        place = old.sample(t)[0][:2] + distance * np.array([math.cos(angle), math.sin(angle)])
+        space.update({"appeared": shapely.box(*(place - 0.15), *(place + 0.15))})
         motion = again.trajectory(**limits, after=old, at=0.5)
-        assert motion.certified
-        assert motion.recheck(plan.space).all()
+        assert motion.certified and motion.recheck(space).all()
         refused += bool(motion.stop_reason)
-        plan.space.update({"appeared": None})
+        space.update({"appeared": None})
     assert refused
     assert not again.trajectory(**limits, after=old, at=0.5).stop_reason

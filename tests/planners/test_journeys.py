@@ -288,22 +288,6 @@ def test_a_start_and_a_place_that_lead_no_further_give_way_to_others(name, tmp_p
     assert plan.is_disconnected == (plan.status == PROVEN) == (name in ("map", "tiles", "known"))
 
 
-def test_places_with_room_in_both_halls_lead_on_in_that_of_the_goal():
-    space = cspace.build(build_wall(), cspace.Robot.disc(0.2))
-    across = shapely.box(0.5, 0.5, 2.0, 3.5)
-    for starts, via in (
-        ([LOW, HIGH], [planners.Near((4.0, 2.0), 1.8)]),
-        (across, [[LOW_END, HIGH_END]]),
-        (across, [across, planners.Near((4.0, 2.0), 1.8), across]),
-        (planners.Near(HIGH, 2.0), [across]),
-    ):
-        plan = planners.plan(space, starts, GOAL, via=via)
-        assert plan.certified and plan.path[:, 1].min() > 2.0
-    # The robot stands near the place that it was given, below the wall.
-    moved = planners.plan(space, planners.Near((1.0, 2.0), 1.8), GOAL, via=[[LOW_END, HIGH_END]])
-    assert not (moved or moved.is_connected or moved.is_disconnected) and "moved" in moved.status
-
-
 @pytest.mark.parametrize("drive", [None, "dubins"])
 def test_a_goal_out_of_reach_is_told_of_the_plan_though_a_place_before_is_joined(drive):
     space = cspace.build(build_wall(), cspace.Robot.disc(0.2), rotations=8)

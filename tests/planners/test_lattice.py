@@ -8,23 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
 import planners
 from benchmarks.inputs import CAR, PARKING_BOUNDS, make_parallel_slot, make_perpendicular_slot
-from cspace import FREE, Robot, Workspace, build
+from cspace import Robot, Workspace, build
 from planners._searches.lattice import _measure_block_side
 from tests.helpers.drives import make_drive
 from tests.helpers.handmade import fill_boxes
 from tests.helpers.planning import (
     ENDPOINTS,
     build_room,
-    draw_query,
-    weighted_length,
 )
-from tests.helpers.strategies import examples, few, seeds
+from tests.helpers.strategies import few
 
 SPOT_DRIVES = [{"drive": planners.Differential()}, {"drive": planners.Differential(reverse=True)}]
 CAR_DRIVES = [
@@ -32,29 +27,6 @@ CAR_DRIVES = [
     {"drive": planners.Car(turning_radius=0.3, reverse=True)},
 ]
 EVERY_DRIVE = pytest.mark.parametrize("options", [*SPOT_DRIVES, *CAR_DRIVES], ids=str)
-FOOTPRINT = [(-0.2, -0.15), (0.3, -0.15), (0.3, 0.05), (0.0, 0.05), (0.0, 0.2), (-0.2, 0.2)]
-
-
-def build_world(rng):
-    """Build the map of a random plane with boxes."""
-    cells = np.zeros((40, 36), dtype=bool)
-    for i, j, width, height in rng.integers(1, (36, 36, 12, 12), (7, 4)):
-        cells[i - 1 : i + width - 1, j - 1 : j + height - 1] = True
-    return build(Workspace.from_array(cells, 0.1), Robot.polygon(FOOTPRINT), rotations=24)
-
-
-@EVERY_DRIVE
-@examples(4)
-@given(seed=seeds)
-def test_paths_are_certified_from_start_to_goal(options, seed):
-    rng = np.random.default_rng(seed)
-    space = build_world(rng)
-    for _ in range(3):
-        start, goal = space.sample_free(2, rng)
-        plan = planners.plan(space, start, goal, planner="Lattice", time_limit=0.1, **options)
-        assert plan.certified == bool(plan)
-        if plan:
-            np.testing.assert_array_equal(plan.waypoints[[0, -1]], [start, goal])
 
 
 def test_a_car_parks_in_a_real_lot(data):
@@ -65,67 +37,6 @@ def test_a_car_parks_in_a_real_lot(data):
     options = {"drive": planners.Car(turning_radius=3.0, reverse=True), "time_limit": 20.0}
     plan = planners.plan(space, *ends, **options)
     assert plan.certified and plan.planner == "Lattice"
-
-
-HEADINGS = [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)]
-"""Steps along the eight headings, in cells."""
-
-
-def join_eight_headings(space, drive):
-    """Return the graph of FREE cells of a robot that turns on the spot and drives along eight
-    headings."""
-    free = np.asarray(space.cell_states) == FREE
-    index = np.arange(free.size).reshape(free.shape)
-    edges = [
-        (index[k], index[(k + 1) % len(free)], free[k] & free[(k + 1) % len(free)])
-        for k in range(len(free))
-    ]
-    turn = math.pi / len(free)  # half a metre for each radian
-    parts = [(a[m], b[m], np.full(m.sum(), turn)) for a, b, m in edges]
-    parts += [(b, a, cost) for a, b, cost in parts]
-    for dx, dy in HEADINGS:
-        k = int(space.rotations.cell_of(math.atan2(dy, dx)))
-        ahead = np.roll(np.pad(free[k], 1), (-dx, -dy), (0, 1))[1:-1, 1:-1]
-        beside = [
-            np.roll(np.pad(free[k], 1), (-a, -b), (0, 1))[1:-1, 1:-1] for a, b in ((dx, 0), (0, dy))
-        ]
-        may = free[k] & ahead & beside[0] & beside[1]
-        a = index[k][may]
-        b = a + dx * free.shape[2] + dy
-        parts.append((a, b, np.full(len(a), space.grid.spacing * math.hypot(dx, dy))))
-        parts += [(b, a, parts[-1][2])] * drive.reverse
-    a, b, cost = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return coo_array((cost, (a, b)), shape=(free.size, free.size)).tocsr()
-
-
-def shortest_length(space, graph, query):
-    """Return the length of the shortest path in a graph of cells, infinite without one."""
-    cells = np.column_stack(
-        [space.rotations.cell_of(query[:, 2]), space.grid.cell_of(query[:, :2])]
-    )
-    first, last = np.ravel_multi_index(
-        tuple(cells.T), (len(space.rotations), *space.grid.shape)
-    ).tolist()
-    return float(dijkstra(graph, indices=first)[last])
-
-
-@pytest.mark.parametrize("options", few(SPOT_DRIVES), ids=str)
-def test_the_lattice_solves_nearly_all_that_eight_headings_join_and_is_as_short(options):
-    # No proof: the lattice misses some 3 % of such queries, so their draws are fixed.
-    as_short = []
-    for seed in range(12):
-        rng = np.random.default_rng(seed)
-        space = build_world(rng)
-        graph = join_eight_headings(space, options["drive"])
-        for _ in range(5):
-            query = draw_query(space, rng)
-            best = shortest_length(space, graph, query)
-            if math.isfinite(best):
-                plan = planners.plan(space, *query, planner="Lattice", time_limit=20.0, **options)
-                assert plan.certified == bool(plan), plan.status
-                as_short.append(bool(plan) and weighted_length(plan) <= 1.15 * best + 1e-9)
-    assert len(as_short) > 20
-    assert np.mean(as_short) > 0.9
 
 
 @EVERY_DRIVE

@@ -15,11 +15,9 @@ from tests.helpers.planning import (
     ENDPOINTS,
     build_open_map,
     build_room,
-    check,
     interpolate_poses,
     make_poses,
     make_state,
-    plan_patiently,
     turn_between,
 )
 from tests.helpers.strategies import examples, seeds
@@ -65,21 +63,6 @@ def draw_edge(space, seed):
     if kind == 1:
         last[2] = first[2]
     return np.array([first, last])
-
-
-def check_driven(plan, drive):
-    """Check that a path never moves sideways or rotates while it moves."""
-    path = plan.path
-    dx, dy = np.diff(path[:, :2], axis=0).T
-    cos, sin = np.cos(path[:-1, 2]), np.sin(path[:-1, 2])
-    metres = np.hypot(dx, dy)
-    turns = np.abs(turn_between(path[:-1, 2], path[1:, 2]))
-    ahead = dx * cos + dy * sin
-    assert np.abs(dx * sin - dy * cos).max() < 1e-9 and (np.minimum(metres, turns) == 0.0).all()
-    assert plan.drive == make_drive(drive)
-    assert np.array_equal(plan.direction[1:], np.sign(np.round(ahead, 12)))
-    assert drive == "differential-reverse" or ahead.min() >= 0.0
-    assert plan.length == pytest.approx(metres.sum())
 
 
 # ---- edges ---------------------------------------------------------------------------------------
@@ -142,17 +125,6 @@ def test_ompls_interpolation_lies_on_the_edge(drive):
 
 
 # ---- plans ---------------------------------------------------------------------------------------
-
-
-@EACH_DRIVE
-@pytest.mark.parametrize("planner", [None, "RRTConnect", "LBKPIECE1"])
-def test_paths_can_be_driven(drive, planner):
-    space = build_room("turning")
-    ends = ENDPOINTS["turning"]
-    plan = plan_patiently(space, ends, (0.5, 20.0), drive=make_drive(drive), planner=planner)
-    check(space, plan, *ends)
-    check_driven(plan, drive)
-    assert space.certify_path(plan.path).all() and space.certify_path(plan.waypoints).all()
 
 
 @EACH_DRIVE

@@ -49,7 +49,6 @@ def test_a_plan_follows_motions_that_the_space_proves(axes, planner):
     plan = planners.plan(space, *ends, planner=planners.Search(planner, 1000), seed=1)
     assert plan.certified and plan.planner == (planner or "RRTConnect")
     assert all(map(space.motion_is_free, plan.path[:-1], plan.path[1:])) and plan.recheck().all()
-    assert plan.path[[0, -1]].tolist() == np.array(ends).tolist()
     # The shortest path consists of two tangents of the disc, and the arc between.
     radii = np.array([math.hypot(*START), math.hypot(*GOAL)])
     around = math.pi - math.atan2(GOAL[1], GOAL[0]) - np.arccos(1.0 / radii).sum()
@@ -191,6 +190,7 @@ def test_a_path_of_the_own_search_has_configurations_within_the_bounds(rows, mes
 
 def test_every_door_checks_a_space_of_the_user():
     right = make_own()
+    assert repr(right) == "Own(a, b)"
     plan = planners.plan(right, (1.0, 1.0), (2.0, 2.0))
     for call in (
         planners.simple_setup,
@@ -222,10 +222,6 @@ def test_a_proxy_with_the_class_of_a_map_is_no_map(hall):
     for call in (cspace.Gate, lambda space: planners.plan(space, (1.0, 1.0), (5.0, 1.0))):
         with pytest.raises(InputError, match="space is"):
             call(Proxy())
-
-
-def test_the_repr_of_a_space_names_its_axes():
-    assert repr(make_own()) == "Own(a, b)"
 
 
 @pytest.mark.parametrize("periodic", [(True, False), [True, False], ("x",), ["x"]], ids=repr)

@@ -14,6 +14,7 @@ import cspace
 import planners
 from cspace import InputError
 from cspace._files import ros_maps as messages
+from tests.helpers.drives import make_drive
 from tests.helpers.planning import ENDPOINTS, SPACES, build_room
 from tests.helpers.urdfs import planar
 
@@ -107,23 +108,13 @@ def test_plans_without_a_path_and_other_messages_are_refused():
 
 
 @pytest.mark.parametrize(
-    "rotations, options",
-    [
-        (None, {}),
-        (8, {}),
-        (8, {"drive": planners.Differential()}),
-        (8, {"drive": planners.Car(turning_radius=0.4, reverse=True)}),
-    ],
+    "name, word",
+    [("plane", None), ("turning", None), ("turning", "differential"), ("turning", "reeds-shepp")],
 )
-def test_poses_of_a_path_are_a_step_apart_and_on_it(rotations, options):
-    cells = np.zeros((60, 60), dtype=bool)
-    cells[:40, 29:31] = True
-    robot = cspace.Robot.rectangle(0.4, 0.2)
-    space = cspace.build(cspace.Workspace.from_array(cells, 0.1), robot, rotations=rotations)
-    turn = () if rotations is None else (0.0,)
-    plan = planners.plan(space, (1, 1, *turn), (1, 5, *turn), time_limit=20, **options)
+def test_poses_of_a_path_are_a_step_apart_and_on_it(name, word):
+    space = build_room(name)
+    plan = planners.plan(space, *ENDPOINTS[name], time_limit=20, drive=make_drive(word))
     poses = plan.to_path(step=0.07).poses
-    assert len(poses) > len(plan.path)
     rows = np.array([cspace.ros.configuration_of(pose, space) for pose in poses])
     assert np.hypot(*np.diff(rows[:, :2], axis=0).T).max() <= 0.07 + 1e-12
     assert space.is_free(rows).all()

@@ -6,7 +6,6 @@ import weakref
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given
 from shapely.geometry import box
 
 import cspace
@@ -16,8 +15,7 @@ from planners._searches.travel_time import read_speeds
 from tests.helpers.handmade import build_empty
 from tests.helpers.oracles import cheapest_chain, integrate_along
 from tests.helpers.refusals import check_refused, refusals
-from tests.helpers.strategies import examples, few, seeds
-from tests.helpers.urdfs import planar_arm
+from tests.helpers.strategies import few
 
 FULL = 1.2
 """Largest speed everywhere, m/s."""
@@ -86,36 +84,6 @@ def test_the_time_is_hardly_above_the_least_along_cells(seed, number):
         assert took <= 1.001 * time_of(planners.plan(space, start, goal), zones)
 
 
-@pytest.mark.thorough
-@examples(30)
-@given(seeds)
-def test_no_time_is_far_above_the_least_along_cells(seed):
-    space, zones, pairs = draw_world(np.random.default_rng(seed))
-    for start, goal in pairs:
-        speed = [FULL, planners.SpeedZones(zones)]
-        plan = planners.plan(space, start, goal, objective="time", speed=speed)
-        assert time_of(plan, zones) <= 1.15 * find_least_time(space, zones, start, goal)
-
-
-@pytest.mark.thorough
-@examples(20)
-@given(seeds)
-def test_a_lower_limit_never_shortens_the_time(seed):
-    space, zones, pairs = draw_world(np.random.default_rng(seed))
-    lower = [(area, 0.7 * speed) for area, speed in zones]
-    for start, goal in pairs:
-        took = [
-            time_of(
-                planners.plan(
-                    space, start, goal, objective="time", speed=[FULL, planners.SpeedZones(each)]
-                ),
-                each,
-            )
-            for each in (zones, lower)
-        ]
-        assert took[0] <= took[1] * 1.1  # of the search
-
-
 def test_zones_of_the_full_speed_change_nothing():
     wall = box(3.9, 0, 4.1, 4)
     for space, start, goal in (
@@ -177,13 +145,6 @@ def test_the_way_around_a_zone_is_taken(robot, rotations, within):
     assert not goes_above(plan_around(space, both))
 
 
-def test_the_contour_counts_or_the_reference_point():
-    space = hall(*DOORS)
-    beside = [(box(3.0, 0.0, 5.0, 0.9), 0.2)]  # the way below passes at 1.2 m
-    assert goes_above(plan_around(space, planners.SpeedZones(beside)))
-    assert not goes_above(plan_around(space, planners.SpeedZones(beside, "point")))
-
-
 QUATERNIONS = pytest.param(cspace.Rotations.quaternions(1), marks=pytest.mark.thorough)
 
 
@@ -232,14 +193,6 @@ def test_a_zone_off_the_map_changes_nothing():
         assert goes_above(plan_around(space, both))
 
 
-def test_a_zone_of_the_whole_map_leaves_the_shortest_way(recwarn):
-    for robot, rotations in ((cspace.Robot.disc(0.3), None), (cspace.Robot.rectangle(1, 0.5), 8)):
-        space = hall(*DOORS, robot=robot, rotations=rotations)
-        whole = planners.SpeedZones([(box(-99, -99, 99, 99), 0.5)])
-        assert not goes_above(plan_around(space, whole))
-    assert not recwarn.list
-
-
 @pytest.mark.parametrize("within", ["contour", "point"])
 def test_a_zone_counts_in_the_cells_at_whose_center_the_robot_meets_it(within):
     outline = np.array([(-0.4, -0.2), (0.5, -0.2), (0.3, 0.3), (-0.4, 0.2)])
@@ -256,13 +209,6 @@ def test_a_zone_counts_in_the_cells_at_whose_center_the_robot_meets_it(within):
         met = body if within == "contour" else shapely.Point(center)
         factor = FULL / 0.3 if met.intersects(area) else 1.0
         assert costs.factors[number][tuple(cell)] == pytest.approx(factor)
-
-
-def test_start_and_goal_may_lie_in_a_zone():
-    space = hall(*DOORS)
-    zones = planners.SpeedZones([(box(0, 0, 8, 2.5), 0.4)])
-    assert goes_above(plan_around(space, zones, start=(3.0, 2.0), goal=(5.0, 2.0))) is False
-    assert plan_around(space, zones, start=(1.0, 1.0), goal=(1.0, 1.0)).length == 0.0
 
 
 def test_planners_of_ompl_take_costs_of_cells():
@@ -306,11 +252,6 @@ def test_a_previous_plan_is_joined_at_the_least_time():
     assert goes_above(around)
     by_length = planners.plan(space, (1.0, 2.0), (7.0, 2.0))
     check_refused(lambda: plan_around(space, zones, previous=by_length), "is a plan by 'length'")
-
-
-def test_places_on_the_way_are_passed():
-    plan = plan_around(hall(*DOORS), planners.SpeedZones(LOWER_WAY), via=[(2.0, 5.0)])
-    assert goes_above(plan) and plan.path[plan.via_rows[0]].tolist() == [2.0, 5.0]
 
 
 # ---- costs of cells ------------------------------------------------------------------------------
@@ -392,14 +333,6 @@ def test_costs_live_as_long_as_map_and_zones():
 )
 def test_objectives_and_speeds_that_do_not_go_together_are_refused(options, message):
     check_refused(lambda: planners.plan(hall(), (1.0, 1.0), (3.0, 1.0), **options), message)
-
-
-def test_arms_have_no_limits_of_places():
-    space = cspace.build_arm_space({}, planar_arm())
-    check_refused(
-        lambda: planners.plan(space, (0.0, 0.0), (0.5, 0.5), objective="time", speed=1.0),
-        "objective is 'time', and space is ArmSpace(small: 2 joints, ... weighs",
-    )
 
 
 def test_a_number_is_a_largest_speed_of_a_trajectory():

@@ -4,7 +4,6 @@ Oracles: shapely places the robot among the occupied cells, positions are differ
 configurations are tested one by one.
 """
 
-import copy
 import dataclasses
 import math
 
@@ -29,7 +28,6 @@ from tests.helpers.motions import (
     TURNING_LIMITS,
     build_plan,
     check_limits,
-    differentiate,
     make_limits,
     replace_rows,
     sample_evenly,
@@ -225,46 +223,23 @@ def test_small_lateral_limit_slows_a_differential_drive():
     assert lateral.max() <= SLACK * 0.1
 
 
-def test_obstacle_on_the_curve_is_found_by_recheck():
-    shared = build_plan(1, "holonomic", None)
-    space = copy.copy(shared.space)
-    plan = dataclasses.replace(shared, space=space)
-    trajectory = plan.trajectory(**LIMITS)
-    x, y = trajectory.sample(0.5 * trajectory.duration)[0]
-    space.add_obstacle("cart", shapely.box(x - 0.1, y - 0.1, x + 0.1, y + 0.1))
-    free = trajectory.recheck(space)
-    assert not free.all()
-    assert free[0]
-    assert not plan.trajectory(**LIMITS).certified
-
-
-def test_arm_blends_are_free_and_within_limits():
-    space = space_of()
-    plan = planners.plan(space, (-0.6, 0.3), (1.4, -0.2), seed=1, time_limit=5.0)
-    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=2.0)
-    t = np.linspace(0.0, trajectory.duration, 2001)
-    (_, velocities, accelerations), differences, _ = differentiate(trajectory, t, 1e-6)
-    assert trajectory.certified
-    assert np.abs(differences - velocities).max() < 1e-4
-    assert np.abs(velocities).max() <= SLACK
-    assert np.abs(accelerations).max() <= SLACK * 2.0
-    stopping = plan.trajectory(max_velocity=1.0, max_acceleration=2.0, blend=False)
-    assert trajectory.duration <= stopping.duration
+def make_curves(starts, rates, bends, twists, signs=0, lengths=1.0):
+    """Return cubic curves, with a free yaw or, if a sign is given, with that of driving."""
+    count = len(starts)
+    signs, lengths = np.full(count, signs, dtype=np.int64), np.broadcast_to(lengths, count) + 0.0
+    return Segments(starts, rates, bends, twists, np.zeros(count), signs, lengths, starts)
 
 
 def draw_curves(rng, count, drives):
-    """Draw cubic curves in the plane, with a free yaw or with that of driving."""
+    """Draw cubic curves in the plane from the origin."""
     yaws = rng.uniform(-math.pi, math.pi, count)
-    none = np.zeros(count)
     rates = np.column_stack([np.cos(yaws), np.sin(yaws), rng.uniform(-1.0, 1.0, count)])
     bends = rng.uniform(-1.5, 1.5, (count, 3))
     twists = rng.uniform(-2.0, 2.0, (count, 3))
     if drives:
         for coefficients in (rates, bends, twists):
             coefficients[:, 2] = 0.0
-    starts = np.zeros((count, 3))
-    ones = none + 1.0
-    return Segments(starts, rates, bends, twists, none, np.full(count, drives), ones, starts)
+    return make_curves(np.zeros((count, 3)), rates, bends, twists, drives)
 
 
 @pytest.mark.parametrize("drives", [0, 1, -1], ids=["free yaw", "ahead", "reverse"])
@@ -290,13 +265,9 @@ def test_bounds_of_derivatives_contain_all_derivatives(drives):
 
 def test_direction_of_a_curve_that_turns_back_has_no_bounds():
     # Its derivative passes zero in the middle, where the yaw jumps by half a turn.
-    none = np.zeros(1)
     rates = np.array([[1.0, 0.0, 0.0]])
-    starts = np.zeros((1, 3))
-    curve = Segments(
-        starts, rates, -2.0 * rates, 0.0 * rates, none, np.ones(1, dtype=np.int64), none + 1, starts
-    )
-    bounds, _ = bound_derivatives(curve, none, none + 1.0)
+    curve = make_curves(np.zeros((1, 3)), rates, -2.0 * rates, 0.0 * rates, 1)
+    bounds, _ = bound_derivatives(curve, np.zeros(1), np.ones(1))
     assert bounds[0, 2] > 1e50
 
 
@@ -321,13 +292,11 @@ def test_proven_curves_pass_free_cells_only(drives):
     count = 1000
     starts = space.sample_free(count, rng=rng)
     yaws = starts[:, 2] + (math.pi if drives < 0 else 0.0)
-    none = np.zeros(count)
-    rates = np.column_stack([np.cos(yaws), np.sin(yaws), none])
+    rates = np.column_stack([np.cos(yaws), np.sin(yaws), np.zeros(count)])
     lengths = rng.uniform(0.1, 0.4, count)
     bends = rng.uniform(-1.5, 1.5, (count, 3))
     twists = rng.uniform(-2.0, 2.0, (count, 3))
-    signs = np.full(count, drives)
-    check_proofs(space, Segments(starts, rates, bends, twists, none, signs, lengths, starts), 0.65)
+    check_proofs(space, make_curves(starts, rates, bends, twists, drives, lengths), 0.65)
 
 
 def test_proven_curves_of_a_body_that_turns_about_any_axis_pass_free_cells_only():
@@ -340,10 +309,7 @@ def test_proven_curves_of_a_body_that_turns_about_any_axis_pass_free_cells_only(
     rates, bends, twists = rng.uniform(-1.0, 1.0, (3, count, 6))
     rates[:, :3] *= 0.1
     rates[:, 3:] *= 2.0
-    none = np.zeros(count)
-    standing = np.zeros(count, dtype=np.int64)
-    curves = Segments(starts, rates, bends, twists, none, standing, none + 0.5, starts)
-    check_proofs(space, curves, 0.5)
+    check_proofs(space, make_curves(starts, rates, bends, twists, 0, 0.5), 0.5)
 
 
 def test_a_curve_that_turns_on_and_on_is_proven_the_way_it_turns():
@@ -353,14 +319,12 @@ def test_a_curve_that_turns_on_and_on_is_proven_the_way_it_turns():
         rotations=36,
     )
     starts = np.array([[1.0, 0.2, 0.0]])
-    none = np.zeros(1)
-    standing = np.zeros(1, dtype=np.int64)
     bends = np.array([[1e-9, 0.0, 0.0]])
     # At the ends of the first pieces the robot is parallel to the walls, which it does not fit across.
     pieces = MAX_PIECES + 1
     for turn, is_free in ((0.0, True), (2.0 * math.pi * pieces, False)):
         rates = np.array([[0.0, 0.0, turn]])
-        curve = Segments(starts, rates, bends, 0.0 * bends, none, standing, none + 1.0, starts)
+        curve = make_curves(starts, rates, bends, 0.0 * bends)
         assert prove_segments(space, curve)[0] == is_free
 
 
@@ -376,10 +340,7 @@ def test_proven_curves_that_gain_speed_pass_free_cells_only():
     rates = directions * rng.uniform(-1.0, 1.0, (count, 1))
     bends = rates * rng.uniform(-10.0, 10.0, (count, 1))
     lengths = rng.uniform(0.05, 0.4, count)
-    none = np.zeros(count)
-    signs = none.astype(np.int64)
-    twists = 0.0 * bends
-    check_proofs(space, Segments(starts, rates, bends, twists, none, signs, lengths, starts), 0.4)
+    check_proofs(space, make_curves(starts, rates, bends, 0.0 * bends, 0, lengths), 0.4)
 
 
 def test_curves_of_an_arm_are_proven_only_if_all_their_points_are_free():
@@ -390,9 +351,7 @@ def test_curves_of_an_arm_are_proven_only_if_all_their_points_are_free():
     starts *= 0.5
     rates = rng.uniform(-0.8, 0.8, (count, 2))
     bends = rng.uniform(-2.0, 2.0, (count, 2))
-    none = np.zeros(count)
-    ones = none + 1.0
-    curves = Segments(starts, rates, bends, -bends, none, none.astype(np.int64), ones, starts)
+    curves = make_curves(starts, rates, bends, -bends)
     proven, places = check_proofs(space, curves, 0.8, True)
     meets = planar_arm_meets(np.concatenate(places[::6]), [POST]).reshape(-1, count).any(axis=0)
     assert not (proven & meets).any()

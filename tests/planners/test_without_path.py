@@ -119,27 +119,6 @@ def test_an_edge_that_is_proven_free_never_leaves_a_component_of_free_cells(seed
         assert (first >= 0).all() and (first == find_labels(space, labels, q1)[free]).all()
 
 
-@examples(20)
-@given(seeds, st.sampled_from(["plane", "turning"]))
-def test_a_plan_is_solved_exactly_if_free_cells_connect_its_endpoints(seed, kind):
-    rng = np.random.default_rng(seed)
-    states = random_states(rng, kind, mixture=(FREE, FREE, MIXED))
-    space = make_map(states, kind, "free")
-    labels = components(states == FREE, kind)
-    free = np.argwhere(labels >= 0)
-    assume(len(free))
-    cells = free[rng.integers(len(free), size=2)]
-    turns = space.rotations.centers[cells[:, 0]]
-    q = np.column_stack([space.grid.center_of(cells[:, 1:]), turns])
-    plan = planners.plan(space, *q, seed=0)
-    first, last = labels[tuple(cells.T)]
-    assert bool(plan) == plan.certified == (first == last)
-    if plan:
-        assert space.certify_path(plan.path).all()
-    else:
-        assert plan.status.startswith(NO_CHAIN)
-
-
 # ---- free yaws -----------------------------------------------------------------------------------
 
 FREE_YAWS = re.compile(r"at the (start|goal) only yaws (\S+) to (\S+) rad are proven free")

@@ -10,54 +10,55 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import cspace
-from tests.helpers.strategies import examples
+from tests.helpers.strategies import examples, seeds
 
 
-def build_scene(boxes, base, rotations=None):
-    """Build a map with named boxes over the cells of a base."""
-    robot = cspace.Robot.rectangle(0.3, 0.2)
-    space = cspace.build(cspace.Workspace.from_array(base, 0.1), robot, rotations=rotations)
-    for number, box in enumerate(boxes):
-        space.add_obstacle(f"box {number}", shapely.box(*box))
+def build_scene(boxes, base, rotations=None, robot=None, **options):
+    """Build a map with named boxes, or those of some numbers, over the cells of a base."""
+    robot = robot or cspace.Robot.rectangle(0.3, 0.2)
+    workspace = cspace.Workspace.from_array(base, 0.1)
+    space = cspace.build(workspace, robot, rotations=rotations, **options)
+    for number, box in boxes.items() if isinstance(boxes, dict) else enumerate(boxes):
+        space.add_obstacle(f"box {number}", box)
     return space
 
 
-def fewest_by_maps(base, boxes, ends, rotations):
-    """Return the size of the smallest set of boxes without which a new map proves a path."""
-    for size in range(len(boxes) + 1):
-        for removed in itertools.combinations(range(len(boxes)), size):
-            rest = [box for number, box in enumerate(boxes) if number not in removed]
-            if build_scene(rest, base, rotations).is_connected(*ends):
-                return size
-    return None
+def check_fewest(boxes, rotations, *scene, **options):
+    """Check which boxes are removed between two places, against maps of all subsets."""
+    boxes = dict(enumerate(boxes))
+    angles = () if rotations is None else (0.0,)
+    ends = (0.2, 0.8, *angles), (2.2, 0.8, *angles)
+
+    def joins(removed):
+        rest = {number: box for number, box in boxes.items() if number not in removed}
+        return build_scene(rest, *scene, rotations, **options).is_connected(*ends)
+
+    space = build_scene(boxes, *scene, rotations, **options)
+    removals = space.removals(*ends)
+    assert list(space.obstacles) == [f"box {number}" for number in boxes]
+    subsets = itertools.chain(*(itertools.combinations(boxes, n) for n in range(len(boxes) + 1)))
+    fewest = next((removed for removed in subsets if joins(removed)), None)
+    if removals is None:
+        assert fewest is None
+        return []
+    assert len(removals) == removals.at_least == len(fewest) and removals.is_fewest
+    assert joins([number for number in boxes if f"box {number}" in removals])
+    return removals
 
 
 @examples(10)
-@given(seed=st.integers(0, 2**32 - 1), rotations=st.sampled_from([None, 6]))
+@given(seed=seeds, rotations=st.sampled_from([None, 6]))
 def test_removals_are_the_fewest_of_all_subsets(seed, rotations):
     rng = np.random.default_rng(seed)
     base = rng.random((24, 16)) < 0.02
     corners = rng.uniform((0.3, 0.0), (2.0, 1.5), (4, 2))
     sizes = rng.uniform(0.1, (0.5, 1.4), (4, 2))
-    boxes = np.column_stack([corners, corners + sizes]).tolist()
-    angles = () if rotations is None else (0.0,)
-    ends = (0.2, 0.8, *angles), (2.2, 0.8, *angles)
-    space = build_scene(boxes, base, rotations)
-    removals = space.removals(*ends)
-    fewest = fewest_by_maps(base, boxes, ends, rotations)
-    if removals is None:
-        assert fewest is None
-        return
-    assert len(removals) == removals.at_least == fewest
-    assert removals.is_fewest
-    rest = [box for number, box in enumerate(boxes) if f"box {number}" not in removals]
-    assert build_scene(rest, base, rotations).is_connected(*ends)
-    assert list(space.obstacles) == [f"box {number}" for number in range(4)]
+    check_fewest(shapely.box(*corners.T, *(corners + sizes).T), rotations, base)
 
 
 def test_many_obstacles_get_bounds_from_both_sides():
     # Fourteen walls, one behind the other: all of them must leave.
-    boxes = [(0.5 + 0.2 * n, 0.0, 0.55 + 0.2 * n, 1.6) for n in range(14)]
+    boxes = [shapely.box(0.5 + 0.2 * n, 0.0, 0.55 + 0.2 * n, 1.6) for n in range(14)]
     space = build_scene(boxes, np.zeros((40, 16), dtype=bool))
     removals = space.removals((0.25, 0.8), (3.8, 0.8))
     assert sorted(removals) == sorted(f"box {number}" for number in range(14))
@@ -73,41 +74,19 @@ def test_nothing_is_removed_if_a_path_exists():
 
 
 @examples(5)
-@given(seed=st.integers(0, 2**32 - 1), rotations=st.sampled_from([None, 6]))
+@given(seed=seeds, rotations=st.sampled_from([None, 6]))
 def test_removals_on_a_floor_leave_what_the_robot_passes_under(seed, rotations):
     rng = np.random.default_rng(seed)
     base = rng.random((24, 16, 8)) < 0.004
     corners = rng.uniform((0.3, 0.0, 0.0), (2.0, 1.5, 0.6), (4, 3))
     sizes = rng.uniform(0.1, (0.5, 1.4, 0.2), (4, 3))
-    robot = cspace.Robot.box((0.3, 0.2, 0.3), (0.0, 0.0, 0.15))
-
-    def build(numbers):
-        space = cspace.build(
-            cspace.Workspace.from_array(base, 0.1), robot, rotations=rotations, floor=0.1
-        )
-        for number in numbers:
-            box = trimesh.creation.box(bounds=[corners[number], corners[number] + sizes[number]])
-            space.add_obstacle(f"box {number}", box)
-        return space
-
-    angles = () if rotations is None else (0.0,)
-    ends = (0.2, 0.8, *angles), (2.2, 0.8, *angles)
-    removals = build(range(4)).removals(*ends)
-    # Solids above the robot never need to leave.
-    high = [number for number in range(4) if corners[number, 2] > 0.45]
-    sizes_that_give = [
-        size
-        for size in range(5)
-        for removed in itertools.combinations(range(4), size)
-        if build(set(range(4)) - set(removed)).is_connected(*ends)
+    boxes = [
+        trimesh.creation.box(bounds=bounds) for bounds in np.stack([corners, corners + sizes], 1)
     ]
-    if removals is None:
-        assert not sizes_that_give
-        return
-    assert removals.is_fewest and len(removals) == min(sizes_that_give)
-    assert not set(removals) & {f"box {number}" for number in high}
-    rest = [number for number in range(4) if f"box {number}" not in removals]
-    assert build(rest).is_connected(*ends)
+    robot = cspace.Robot.box((0.3, 0.2, 0.3), (0.0, 0.0, 0.15))
+    removals = check_fewest(boxes, rotations, base, robot=robot, floor=0.1)
+    # Solids above the robot never need to leave.
+    assert not any(corners[int(name[4:]), 2] > 0.45 for name in removals)
 
 
 def test_removals_among_many_regions_take_seconds():
