@@ -14,7 +14,7 @@ from cspace import FREE, MIXED, Robot, Workspace
 from cspace.errors import InputError
 from cspace.inside import tubes_are_free
 from tests.helpers.any_map import ALL_KINDS, WEDGE, build_map
-from tests.helpers.gates import certify_chunk, certify_twists, draw_instants
+from tests.helpers.gates import certify_chunk, certify_twists
 from tests.helpers.handmade import (
     MAP_KINDS,
     build_empty,
@@ -39,12 +39,6 @@ def any_map(request, tmp_path_factory):
     return build_map(space, storage, "free", 5, tmp_path_factory.mktemp("any"))
 
 
-def draw_tracking(any_map, rng):
-    """Draw an error for each coordinate, often zero."""
-    count = any_map.dim + bool(any_map.space.rotations.names)
-    return rng.uniform(0.0, 0.3, count) * (rng.random(count) < 0.8) * rng.choice([0.0, 0.2, 1.0])
-
-
 def stray(any_map, q, tracking, signs, axes):
     """Move configurations by errors, as far as ``signs`` say, rotated about unit ``axes``."""
     dim = any_map.dim
@@ -63,26 +57,6 @@ def draw_axes(any_map, rng, n):
 
 @given(seeds)
 @examples(4)
-def test_no_tube_with_a_contact_is_proven(any_map, seed):
-    """A contact lies within the tracking of the motion, often in a corner of the tube."""
-    rng, space = np.random.default_rng(seed), any_map.space
-    contacts = any_map.draw_contacts(rng, 60)
-    for contact in contacts[:, np.newaxis]:
-        tracking = draw_tracking(any_map, rng)
-        signs = rng.choice([-1.0, 1.0, rng.uniform(-1.0, 1.0)], (1, any_map.dim + 1))
-        near = stray(any_map, contact, (1.0 - 1e-9) * tracking, signs, draw_axes(any_map, rng, 1))
-        steps, turns = any_map.draw_moves(rng, 1)
-        share = rng.choice([0.0, 0.5, 1.0, rng.random()])
-        start = move(any_map.memory, near, -share * steps, -share * turns)
-        end = move(any_map.memory, near, (1.0 - share) * steps, (1.0 - share) * turns)
-        chunk = certify_chunk(space, start[0], np.concatenate([end, end]), tracking)
-        assert chunk.proven == 0
-        after = certify_chunk(space, start[0], np.concatenate([start, end, start]), tracking)
-        assert after.proven <= 1
-
-
-@given(seeds)
-@examples(4)
 def test_without_tracking_as_many_rows_are_proven_as_edges(any_map, seed):
     rng, space = np.random.default_rng(seed), any_map.space
     starts = any_map.draw_inside(rng, 40)[0]
@@ -95,6 +69,8 @@ def test_without_tracking_as_many_rows_are_proven_as_edges(any_map, seed):
     batch = certify_chunk(space, starts, rows)
     assert batch.proven.tolist() == expected.tolist()
     assert batch.is_proven.tolist() == (expected == 5).tolist()
+    tubes = [certify_chunk(each, starts, rows, 0.05) for each in (space, any_map.memory)]
+    assert tubes[0].proven.tolist() == tubes[1].proven.tolist() and tubes[0].proven.any()
     assert 0 < expected.sum() < expected.size * 5
     for start, chunk_rows, count in zip(starts[:5], rows, expected, strict=False):
         chunk = certify_chunk(space, start, chunk_rows)
@@ -224,14 +200,12 @@ def test_a_tube_in_the_plane_is_proven_exactly_if_no_cell_near_it_is_taken(seed)
 
 @given(seeds, st.sampled_from([0.0, 0.03, 0.1, (0.05, 0.0, 0.2)]))
 @examples(10)
-def test_the_robot_meets_nothing_at_any_instant_within_proven_tubes(seed, tracking):
+def test_the_largest_tracking_is_proven_and_a_larger_one_is_not(seed, tracking):
     space = make_flat(seed % 3, rotations=48)
-    obstacles = obstacles_of(space)
     rng = np.random.default_rng(seed)
     start = space.sample_free(rng=rng)
     rows = start + np.cumsum(rng.normal(0.0, (0.05, 0.05, 0.1), (25, 3)), axis=0)
     chunk = certify_chunk(space, start, rows, tracking)
-    check_instants(space, obstacles, np.vstack([start, rows[: chunk.proven]]), tracking, rng)
     largest = chunk.max_tracking
     if chunk.is_proven:
         assert np.all(np.asarray(largest) >= 0.99 * np.asarray(tracking))
@@ -239,14 +213,6 @@ def test_the_robot_meets_nothing_at_any_instant_within_proven_tubes(seed, tracki
         assert certify_chunk(space, start, rows, largest).is_proven
         more = 1.02 * np.asarray(largest) + 1e-4 * (np.asarray(tracking) > 0.0)
         assert not certify_chunk(space, start, rows, more + 1e-4 * (np.ndim(more) == 0)).is_proven
-        check_instants(space, obstacles, np.vstack([start, rows]), largest, rng)
-
-
-def check_instants(space, obstacles, points, tracking, rng):
-    """Check that shapely finds no contact at instants within tubes through points."""
-    if len(points) == 1:
-        return
-    assert not collides(space, draw_instants(points, tracking, rng, INSTANTS), obstacles).any()
 
 
 # ---- twists --------------------------------------------------------------------------------------
@@ -670,10 +636,6 @@ FLAT = (1.0, 2.5)
     (
         lambda s: cspace.Gate(s, dt=0.1).slow_down(START, (0.1, 0.1)),
         "max_deceleration is missing ... able",
-    ),
-    (
-        lambda s: cspace.Gate(s, max_jerk=1.0),
-        "dt is missing ... speeds",
     ),
     (
         lambda s: cspace.Gate(s, dt=0.1, max_jerk=1.0, max_deceleration=(0.5, 1)),
