@@ -2,6 +2,7 @@
 
 import ast
 import dataclasses
+import inspect
 import math
 import re
 import warnings
@@ -30,7 +31,7 @@ import planners
 from cspace import Grid, Robot, Workspace, build
 from cspace.lanes import Mover, apart
 from tests.helpers.refusals import write
-from tests.helpers.urdfs import joint, link
+from tests.helpers.urdfs import joint, link, planar_arm
 from tests.helpers.urdfs import write_urdf as write_arm
 
 ADVICE = re.compile(
@@ -288,133 +289,120 @@ def parse_yaw(value="90"):
     return np.array(parse_angle(value, "yaw", "yaw"))
 
 
-ROWS = [
-    pytest.param(
+ROWS = {
+    "the spacing of labelled cells": (
         lambda _, **options: open_array(label(WALL, 0.5), **options),
         lambda _: Workspace.from_array(WALL, 0.5),
-        id="the spacing of labelled cells",
     ),
-    pytest.param(
+    "the threshold of a picture with unknown cells": (
         lambda folder, **options: Workspace.open(write_ros_image(folder), spacing=0.1, **options),
         lambda folder: Workspace.open(write_ros_image(folder).with_suffix(".yaml")),
-        id="the threshold of a picture with unknown cells",
     ),
-    pytest.param(
+    "points without coordinates": (
         lambda folder, **options: open_points(write_points(folder), **options),
         lambda _: Workspace.from_points([(0.5, 0.5, 0.5), (1.5, 0.5, 0.5)], 0.1, radius=0.1),
-        id="points without coordinates",
     ),
-    pytest.param(
+    "one of two costmaps": (
         lambda folder, path=None: Robot.open(path or write_nav2(folder)),
         lambda _: Robot.disc(0.2),
-        id="one of two costmaps",
     ),
-    pytest.param(
+    "a pose that is tilted a little": (
         lambda _, **options: cspace.ros.configuration_of(tilted_pose(), turning(), **options),
         lambda _: (0.0, 0.0, 0.0),
-        id="a pose that is tilted a little",
     ),
-    pytest.param(
+    "an angle in degrees": (
         lambda _, value=30.0: planners.Upright("hand", tolerance=float(value)).tolerance,
         lambda _: np.radians(30.0),
-        id="an angle in degrees",
     ),
-    pytest.param(
+    "milliseconds": (
         lambda _, value=100.0: cspace.Gate(turning(), dt=float(value), max_velocity=1.0).dt,
         lambda _: 0.1,
-        id="milliseconds",
     ),
-    pytest.param(
+    "unknown cells of a map as free": (
         lambda folder, **options: Workspace.open(write_grey_map(folder), **options),
         lambda folder: Workspace.open(write_ros_image(folder), spacing=0.1, threshold=0.1),
-        id="unknown cells of a map as free",
     ),
-    pytest.param(
+    "heights without data": (
         lambda _, **options: (
             1.0 * Workspace.from_heights([[0.0, 1.0, np.nan]], 0.5, **options).outer
         ),
         lambda _, unknown: np.array([[[0.0] * 2, [1.0] * 2, [float(unknown == "occupied")] * 2]]),
-        id="heights without data",
     ),
-    pytest.param(
+    "links that are only drawn": (
         lambda folder, **options: Robot.open(write_urdf(folder, "visual"), **options),
         lambda folder: Robot.open(write_urdf(folder, "collision")),
-        id="links that are only drawn",
     ),
-    pytest.param(
+    "the axis that points up": (
         lambda folder, **options: measure_plate(folder, **options),
         lambda _, up: PLATE.bounds if up == "z" else PLATE.bounds[:, [0, 2, 1]],
-        id="the axis that points up",
     ),
-    pytest.param(
+    "an open mesh": (
         lambda _, **options: Workspace.from_mesh(
             loose_box(), 0.1, bounds=((-0.5,) * 3, (0.5,) * 3), **options
         ),
         lambda _, solid: fill_box(solid),
-        id="an open mesh",
     ),
-    pytest.param(
+    "a robot far from its origin": (
         lambda _, move=(0, 0): map_wall(Robot.polygon(CORNERS + 5.0 + move)),
         lambda _: map_wall(Robot.rectangle(0.4, 0.2)),
-        id="a robot far from its origin",
     ),
-    pytest.param(
+    "a mesh far from its origin": (
         lambda _, move=(0, 0, 0): (
             Robot.from_mesh(
                 PLATE.copy().apply_translation((1e3, 0, 0)).apply_translation(move)
             ).shape.bounds
         ),
         lambda _: PLATE.bounds,
-        id="a mesh far from its origin",
     ),
-    pytest.param(
+    "a robot in space on a map of the plane": (
         lambda _, **way: map_wall(use_method(Robot.box((0.4, 0.2, 0.5)), **way)),
         lambda _: map_wall(Robot.rectangle(0.4, 0.2)),
-        id="a robot in space on a map of the plane",
     ),
-    pytest.param(
+    "cells that fit into memory": (
         lambda _, value=1e-3: raster_wall(value),
         lambda _: Workspace.from_array(WALL, 0.1),
-        id="cells that fit into memory",
     ),
-    pytest.param(
+    "a file above a limit": (
         read_limited,
         lambda _: Workspace.from_points([(0.5, 0.5, 0.5), (1.5, 0.5, 0.5)], 0.1, radius=0.1),
-        id="a file above a limit",
     ),
-    pytest.param(
+    "a file that exists": (
         export_again,
         lambda _: np.where(WALL, 2, scipy.ndimage.maximum_filter(WALL, 3))[np.newaxis],
-        id="a file that exists",
     ),
-    pytest.param(
+    "a start in an undecided cell": (
         lambda _, **options: start_beside(**options),
         lambda _: np.array((0.345, 0.55)),
-        id="a start in an undecided cell",
     ),
-    pytest.param(lambda _, rate=0.1: turn_at_most_half(rate), lambda _: 1.0, id="a low rate"),
-    pytest.param(
+    "a low rate": (
+        lambda _, rate=0.1: turn_at_most_half(rate),
+        lambda _: 1.0,
+    ),
+    "a base that floats": (
         lambda folder, **options: reach(write_chain(folder, True), **options),
         lambda folder: reach(write_chain(folder, False)),
-        id="a base that floats",
     ),
-    pytest.param(stand_in_post, lambda _: np.ones(2), id="a link that always touches"),
-    pytest.param(
+    "a link that always touches": (
+        stand_in_post,
+        lambda _: np.ones(2),
+    ),
+    "one of two levels": (
         lambda folder, **options: place_nodes(folder, "L1", "L2", **options),
         lambda folder: place_nodes(folder, "L1"),
-        id="one of two levels",
     ),
-    pytest.param(lambda _, **way: parse_yaw(**way), lambda _: np.pi / 2, id="a yaw in degrees"),
-    pytest.param(
+    "a yaw in degrees": (
+        lambda _, **way: parse_yaw(**way),
+        lambda _: np.pi / 2,
+    ),
+    "obstacles in survey coordinates": (
         lambda _, **way: open_corner(515000.0, 4250000.0, **way),
         lambda _: open_corner(0.0, 0.0),
-        id="obstacles in survey coordinates",
     ),
-]
+}
 """Call that is refused or warned of and takes what the message advises, and the right world."""
 
 
-@pytest.mark.parametrize("call, right", ROWS)
+@pytest.mark.parametrize("call, right", ROWS.values(), ids=ROWS)
 def test_what_a_message_advises_makes_the_right_world(call, right, tmp_path):
     ways = read_advice(read_message(lambda: call(tmp_path)))
     for way in ways:
@@ -425,51 +413,59 @@ def test_what_a_message_advises_makes_the_right_world(call, right, tmp_path):
 
 
 def describe(world):
-    """Return what tells worlds apart: cells and places, outlines, numbers."""
+    """Return what tells worlds apart: cells and places, outlines, faces, nodes, numbers."""
     if isinstance(world, Workspace):
-        return world.grid.lower, world.grid.spacing, world.outer.tolist()
+        lower = np.round(world.grid.lower, 9).tolist()
+        return lower, world.grid.spacing, world.outer.tolist()
     if isinstance(world, Robot):
         return world.spec
-    return np.round(world, 6).tolist()
+    for name in ("faces", "regular_faces", "positions", "pose"):
+        world = getattr(world, name, world)
+    return np.round(np.asarray(world, float), 6).tolist()
 
 
 # ---- values of other kinds -----------------------------------------------------------------------
 
 POINTS = np.array([(0.5, 0.5, 0.25), (1.5, 1.0, 0.5)])
 MESH = trimesh.creation.box().vertices, trimesh.creation.box().faces
+TRIANGLES = SimpleNamespace(points=MESH[0], regular_faces=MESH[1])
+"""The mesh as PyVista has it."""
+
 SQUARE = [[0.5, 0.5], [2.0, 0.5], [2.0, 1.5], [0.5, 1.5]]
 HOLE = [[1.0, 0.75], [1.5, 0.75], [1.0, 1.25]]
 PLACE = SimpleNamespace(x=0.5, y=1.5, z=0.0)
 TURN = SimpleNamespace(x=0.0, y=0.0, z=0.6, w=0.8)
+POSE = SimpleNamespace(position=PLACE, orientation=TURN)
 HERE = (0.5, 1.5, 2.0 * math.atan2(0.6, 0.8))
-HEADER = SimpleNamespace(frame_id="map")
+TABLE = pd.DataFrame({"y": [1.55], "x": [0.55]})
 BRAKES = {
     "max_velocity": 1.0,
     "max_acceleration": 0.5,
     "max_angular_velocity": 1.0,
     "max_angular_acceleration": 1.0,
 }
-SCENE = {
-    "world": {
-        "collision_objects": [
-            {
-                "id": "can",
-                "header": {"frame_id": "world"},
-                "primitives": [{"type": "box", "dimensions": [0.5, 0.5, 1.0]}],
-                "primitive_poses": [{"position": [0.75, 0.5, 0.5], "orientation": [0, 0, 0, 1]}],
-                "operation": "add",
-            }
-        ]
-    }
+CAN = {
+    "id": "can",
+    "header": {"frame_id": "world"},
+    "primitives": [{"type": "box", "dimensions": [0.5, 0.5, 1.0]}],
+    "primitive_poses": [{"position": [0.75, 0.5, 0.5], "orientation": [0, 0, 0, 1]}],
+    "operation": "add",
 }
+SCENE = {"world": {"collision_objects": [CAN]}}
+LEVELS = {"building_name": "b", "levels": {"L": {"vertices": [[1, 2, {}]], "lanes": []}}}
+NODE = {"nodeId": "a", "nodePosition": {"x": 1.0, "y": 2.0}}
+LAYOUTS = {"metaInformation": {}, "layouts": [{"nodes": [NODE], "edges": []}]}
+
+
+def shift(*position):
+    """Return the pose of a frame that is moved, shape (4, 4)."""
+    pose = np.eye(4)
+    pose[:3, 3] = position
+    return pose
 
 
 def make_message(**fields):
-    return SimpleNamespace(header=HEADER, **fields)
-
-
-def make_pose():
-    return SimpleNamespace(position=PLACE, orientation=TURN)
+    return SimpleNamespace(header=SimpleNamespace(frame_id="map"), **fields)
 
 
 def make_grid():
@@ -490,8 +486,8 @@ def find_plan():
     return planners.plan(turning(), (0.2, 1.5, 0.0), (2.5, 1.5, 0.5))
 
 
-def refuse_mover(motion):
-    return apart(Mover("disc:0.1", motion), Mover("disc:0.1", (2.0, 0.5)))
+def move():
+    return find_plan().trajectory(**BRAKES)
 
 
 class Tensor(NamedTuple):
@@ -502,11 +498,6 @@ class Tensor(NamedTuple):
     def numpy(self):
         """Return the values as an array."""
         return self.values
-
-
-def make_triangles():
-    """Return the mesh as PyVista has it."""
-    return SimpleNamespace(points=MESH[0], regular_faces=MESH[1])
 
 
 def make_graph():
@@ -525,286 +516,262 @@ def make_octree():
     return tree
 
 
-def name_rows(world):
-    return np.stack([world[axis] for axis in "xyz"], axis=-1)
+# ---- calls that refuse such a value --------------------------------------------------------------
+
+
+def from_array(value):
+    return Workspace.from_array(value, 0.25)
+
+
+def from_mesh(value):
+    return Workspace.from_mesh(value, 0.1)
+
+
+def from_points(value):
+    return Workspace.from_points(value, 0.25)
+
+
+def open_coarse(path):
+    return Workspace.open(path, spacing=0.25)
+
+
+def map_disc(workspace):
+    return build(workspace, "disc:0.1")
+
+
+def ask_place(q):
+    return map_disc(Workspace.from_array(WALL, 0.1)).is_free(q)
+
+
+def certify(path):
+    return turning().certify_path(path)
+
+
+def reach_pose(pose):
+    return cspace.PoseGoal("fore", pose)
+
+
+def add_zone(shape):
+    return turning().add_obstacle("zone", shape)
+
+
+def slow_in(areas):
+    return planners.SpeedZones([(areas, 0.5)])
+
+
+def meet(motion):
+    return apart(Mover("disc:0.1", motion), Mover("disc:0.1", (2.0, 0.5)))
+
+
+# ---- what holds for what a hint makes of it ------------------------------------------------------
+
+
+def is_proven(path):
+    return certify(path).all()
+
+
+def is_met(motion):
+    return meet(motion).verdict
+
+
+def has_can(space):
+    return list(space.obstacles) == ["can"]
+
+
+def is_filled(workspace):
+    return workspace.outer.all()
+
+
+def covers(area):
+    """Return whether polygons, as zones, cover an area."""
+    return lambda areas: slow_in(areas).zones[0][0].area == area
+
+
+def is_in_cell(table):
+    return Grid((0, 0), 0.1, (30, 20)).cell_of(table).tolist() == [[5, 15]]
+
+
+def holds_balls(centers):
+    """Return whether a workspace holds balls."""
+    return lambda world: world.shapes[0].centers.tolist() == centers
 
 
 KINDS = {
     "a cloud": (
-        lambda _: make_message(data=POINTS.astype("f4").tobytes(), point_step=12, fields="xyz"),
-        lambda value, _: Workspace.from_points(value, 0.25),
-        [lambda world: name_rows(world).tolist() == POINTS.tolist()],
+        make_message(data=POINTS.astype("f4").tobytes(), point_step=12, fields="xyz"),
+        from_points,
+        lambda world: np.stack([world[axis] for axis in "xyz"], -1).tolist() == POINTS.tolist(),
     ),
-    "a grid": (
-        lambda _: make_grid(),
-        lambda value, _: build(value, "disc:0.1"),
-        [lambda world: describe(world) == describe(Workspace.from_array(WALL, 0.1))],
-    ),
+    "a grid": (make_grid(), map_disc, Workspace.from_array(WALL, 0.1)),
     "a grid in a file": (
         lambda folder: write(folder, "grid.yaml", dataclasses.asdict(make_grid())),
-        lambda value, _: Workspace.open(value),
-        [lambda world: describe(world) == describe(Workspace.from_array(WALL, 0.1))],
+        Workspace.open,
+        Workspace.from_array(WALL, 0.1),
     ),
     "a scene": (
         lambda folder: write(folder, "scene.yaml", SCENE),
-        lambda value, _: Workspace.open(value, spacing=0.25),
-        [lambda world: world.outer.all(), lambda world: list(world.obstacles) == ["can"]],
+        open_coarse,
+        is_filled,
+        has_can,
     ),
     "a scene in a file of polygons": (
         lambda folder: write(folder, "scene.json", SCENE),
-        lambda value, _: Workspace.open(value, spacing=0.25),
-        [lambda world: world.outer.all(), lambda world: list(world.obstacles) == ["can"]],
+        open_coarse,
+        is_filled,
+        has_can,
     ),
-    "a stamped pose": (
-        lambda _: make_message(pose=make_pose()),
-        lambda value, _: turning().is_free(value),
-        [lambda world: np.allclose(world, HERE)],
-    ),
-    "a pose": (
-        lambda _: make_pose(),
-        lambda value, _: planners.plan(turning(), value, (2.5, 1.5, 0.5)),
-        [lambda world: np.allclose(world, HERE)],
-    ),
+    "a stamped pose": (make_message(pose=POSE), lambda q: turning().is_free(q), HERE),
+    "a pose": (POSE, lambda q: planners.plan(turning(), q, (2.5, 1.5, 0.5)), HERE),
     "a pose without its stamp": (
-        lambda _: {"position": vars(PLACE), "orientation": vars(TURN)},
-        lambda value, _: cspace.ros.configuration_of(value, turning()),
-        [lambda world: np.allclose(world, HERE)],
+        {"position": vars(PLACE), "orientation": vars(TURN)},
+        lambda q: cspace.ros.configuration_of(q, turning()),
+        HERE,
     ),
     "a transform": (
-        lambda _: make_message(transform=SimpleNamespace(translation=PLACE, rotation=TURN)),
-        lambda value, _: turning().clearance(value),
-        [lambda world: np.allclose(world, HERE)],
+        make_message(transform=SimpleNamespace(translation=PLACE, rotation=TURN)),
+        lambda q: turning().clearance(q),
+        HERE,
     ),
     "a path of poses": (
-        lambda _: make_message(poses=[make_message(pose=make_pose())] * 2),
-        lambda value, _: turning().certify_path(value),
-        [lambda world: np.allclose(world, [HERE, HERE])],
+        make_message(poses=[make_message(pose=POSE)] * 2),
+        certify,
+        [HERE, HERE],
     ),
     "joints": (
-        lambda _: make_message(name=["j1"], position=[0.5], velocity=[0.0]),
-        lambda value, names: names["arm"].pose(value, "l2"),
-        [lambda world: world.tolist() == [0.5]],
+        make_message(name=["elbow", "shoulder"], position=[0.5, 0.25], velocity=[0.0, 0.0]),
+        lambda q: planar_arm().pose(q, "fore"),
+        [0.25, 0.5],
     ),
     "levels of lanes": (
-        lambda folder: write(
-            folder,
-            "rmf.yaml",
-            {"building_name": "b", "levels": {"L": {"vertices": [[1, 2, {}]], "lanes": []}}},
-        ),
-        lambda value, _: Workspace.open(value),
-        [lambda world: world.positions.tolist() == [[1.0, 2.0]]],
+        lambda folder: write(folder, "rmf.yaml", LEVELS),
+        Workspace.open,
+        [[1.0, 2.0]],
     ),
-    "layouts": (
-        lambda folder: write(
-            folder,
-            "lif.json",
-            {
-                "metaInformation": {},
-                "layouts": [
-                    {
-                        "nodes": [{"nodeId": "a", "nodePosition": {"x": 1.0, "y": 2.0}}],
-                        "edges": [],
-                    }
-                ],
-            },
-        ),
-        lambda value, _: Robot.open(value),
-        [lambda world: world.positions.tolist() == [[1.0, 2.0]]],
-    ),
+    "layouts": (lambda folder: write(folder, "lif.json", LAYOUTS), Robot.open, [[1.0, 2.0]]),
     "a plan for rows": (
         lambda _: find_plan(),
-        lambda value, _: turning().certify_path(value),
-        [
-            lambda world: turning().certify_path(world).all(),
-            lambda world: world.duration > 1.0,
-        ],
+        certify,
+        is_proven,
+        lambda motion: motion.duration > 1.0,
     ),
     "a plan for a motion": (
         lambda _: find_plan(),
-        lambda value, _: refuse_mover(value),
-        [lambda world: world.shape[1] == 3, lambda world: refuse_mover(world).verdict],
+        meet,
+        lambda path: path.shape[1] == 3,
+        is_met,
     ),
-    "a timing for a motion": (
-        lambda _: cspace.lanes.Timing(find_plan().trajectory(**BRAKES), 1.0),
-        lambda value, _: refuse_mover(value),
-        [lambda world: refuse_mover(world).verdict],
-    ),
+    "a timing for a motion": (lambda _: cspace.lanes.Timing(move(), 1.0), meet, is_met),
     "a robot in space on a motion in the plane": (
-        lambda _: Mover(Robot.box((0.2, 0.1, 0.3)), find_plan().trajectory(**BRAKES)),
-        lambda value, _: apart(value, Mover("disc:0.1", (2.0, 0.5))),
-        [lambda world: world.dim == 2],
+        lambda _: Mover(Robot.box((0.2, 0.1, 0.3)), move()),
+        lambda mover: apart(mover, Mover("disc:0.1", (2.0, 0.5))),
+        lambda robot: robot.dim == 2,
     ),
-    "corners with a height": (
-        lambda _: [(*corner, 0.5) for corner in SQUARE],
-        lambda value, _: turning().add_obstacle("zone", value),
-        [lambda world: cover(world) == 1.5],
-    ),
-    "a trajectory": (
-        lambda _: find_plan().trajectory(**BRAKES),
-        lambda value, _: turning().certify_path(value),
-        [lambda world: turning().certify_path(world).all()],
-    ),
-    "a map": (
-        lambda _: turning(),
-        lambda value, _: build(value, "disc:0.1"),
-        [lambda world: describe(world) == describe(Workspace.from_array(WALL, 0.1))],
-    ),
+    "corners with a height": ([(*corner, 0.5) for corner in SQUARE], add_zone, covers(1.5)),
+    "a trajectory": (lambda _: move(), certify, is_proven),
+    "a map": (lambda _: turning(), map_disc, Workspace.from_array(WALL, 0.1)),
     "a rigid motion": (
-        lambda _: SimpleNamespace(
+        SimpleNamespace(
             translation=np.ones(3), rotation=Rotation.identity(), as_matrix=lambda: np.eye(4)
         ),
-        lambda value, _: cspace.PoseGoal("l2", value),
-        [
-            lambda world: cspace.PoseGoal("l2", world).pose.tolist() == np.eye(4).tolist(),
-            lambda world: world == (1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0),
-        ],
+        reach_pose,
+        np.eye(4),
+        (1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0),
     ),
     "a rotation": (
-        lambda _: Rotation.identity(),
-        lambda value, _: cspace.Rotations.quaternions(1).check_rotation(value),
-        [
-            lambda world: world.tolist() == [0.0, 0.0, 0.0, 1.0],
-            lambda world: cspace.PoseGoal("l2", world).pose.tolist() == np.eye(4).tolist(),
-        ],
+        Rotation.identity(),
+        cspace.Rotations.quaternions(1).check_rotation,
+        [0.0, 0.0, 0.0, 1.0],
+        np.eye(4),
     ),
-    "a transposed pose": (
-        lambda _: shift(0.1, 0.2, 0.3).T,
-        lambda value, _: cspace.PoseGoal("l2", value),
-        [lambda world: cspace.PoseGoal("l2", world).pose.tolist() == shift(0.1, 0.2, 0.3).tolist()],
-    ),
+    "a transposed pose": (shift(0.1, 0.2, 0.3).T, reach_pose, shift(0.1, 0.2, 0.3)),
     "a mesh of faces": (
-        lambda _: SimpleNamespace(vertices=MESH[0], faces=MESH[1]),
-        lambda value, _: Workspace.from_mesh(value, 0.1),
-        [lambda world: world.faces.tolist() == MESH[1].tolist()],
+        SimpleNamespace(vertices=MESH[0], faces=MESH[1]),
+        from_mesh,
+        MESH[1],
     ),
-    "a cloud of trimesh": (
-        lambda _: trimesh.PointCloud(POINTS),
-        lambda value, _: Workspace.from_mesh(value, 0.25),
-        [lambda world: world.shapes[0].centers.tolist() == POINTS.tolist()],
-    ),
+    "a cloud of trimesh": (trimesh.PointCloud(POINTS), from_mesh, holds_balls(POINTS.tolist())),
     "voxels of trimesh": (
-        lambda _: trimesh.creation.box(bounds=[(0.25, 0.5, 0.75), (1.5, 2.0, 1.25)]).voxelized(
-            0.25
+        trimesh.creation.box(bounds=[(0.25, 0.5, 0.75), (1.5, 2.0, 1.25)]).voxelized(0.25),
+        from_array,
+        lambda world: (
+            np.allclose(world.grid.lower, (0.125, 0.375, 0.625)) and world.grid.shape == (6, 7, 3)
         ),
-        lambda value, _: Workspace.from_array(value, 0.25),
-        [
-            lambda world: (
-                np.allclose(world.grid.lower, (0.125, 0.375, 0.625))
-                and world.grid.shape == (6, 7, 3)
-            )
-        ],
     ),
     "an outline of trimesh": (
         lambda _: trimesh.load_path(shapely.box(0, 0, 1, 2)),
-        lambda value, _: Workspace.from_polygons(value, 0.25),
-        [lambda world: world[0].equals(shapely.box(0, 0, 1, 2))],
+        lambda polygons: Workspace.from_polygons(polygons, 0.25),
+        covers(2.0),
     ),
-    "a graph": (
-        lambda _: make_graph(),
-        lambda value, _: Workspace.from_array(value, 0.25),
-        [lambda world: world.positions.tolist() == [[0.0, 1.0], [2.0, 1.0]]],
-    ),
+    "a graph": (lambda _: make_graph(), from_array, [[0.0, 1.0], [2.0, 1.0]]),
     "a mesh of triangles": (
-        lambda _: SimpleNamespace(vertices=MESH[0], triangles=MESH[1]),
-        lambda value, _: turning().add_obstacle("box", value),
-        [lambda world: world.faces.tolist() == MESH[1].tolist()],
+        SimpleNamespace(vertices=MESH[0], triangles=MESH[1]),
+        add_zone,
+        MESH[1],
     ),
     "a mesh of cells": (
-        lambda _: SimpleNamespace(points=MESH[0], regular_faces=None, triangulate=make_triangles),
-        lambda value, _: Robot.from_mesh(value),
-        [lambda world: world.faces.tolist() == MESH[1].tolist(), lambda world: world is MESH[0]],
+        SimpleNamespace(points=MESH[0], regular_faces=None, triangulate=lambda: TRIANGLES),
+        Robot.from_mesh,
+        MESH[1],
+        MESH[0],
     ),
     "cells of a mesh": (
-        lambda _: SimpleNamespace(cells=[], extract_surface=make_triangles),
-        lambda value, _: Workspace.from_mesh(value, 0.1),
-        [lambda world: world.regular_faces is MESH[1]],
+        SimpleNamespace(cells=[], extract_surface=lambda: TRIANGLES),
+        from_mesh,
+        MESH[1],
     ),
     "a field of distances": (
-        lambda _: SimpleNamespace(extract_triangle_mesh=make_triangles),
-        lambda value, _: Workspace.from_mesh(value, 0.1),
-        [lambda world: world.regular_faces is MESH[1]],
+        SimpleNamespace(extract_triangle_mesh=lambda: TRIANGLES),
+        from_mesh,
+        MESH[1],
     ),
     "a mesh of tensors": (
-        lambda _: SimpleNamespace(
+        SimpleNamespace(
             vertex=SimpleNamespace(positions=Tensor(MESH[0])),
             triangle=SimpleNamespace(indices=Tensor(MESH[1])),
         ),
-        lambda value, _: Workspace.from_mesh(value, 0.1),
-        [lambda world: world.faces.tolist() == MESH[1].tolist()],
+        from_mesh,
+        MESH[1],
     ),
     "a cloud with normals": (
-        lambda _: SimpleNamespace(points=POINTS, normals=POINTS),
-        lambda value, _: Workspace.from_points(value, 0.25),
-        [lambda world: world is POINTS],
+        SimpleNamespace(points=POINTS, normals=POINTS),
+        from_points,
+        POINTS,
     ),
     "a cloud of tensors": (
-        lambda _: SimpleNamespace(
-            point=SimpleNamespace(positions=Tensor(POINTS)), to_legacy=lambda: None
-        ),
-        lambda value, _: Workspace.from_points(value, 0.25),
-        [lambda world: world is POINTS],
+        SimpleNamespace(point=SimpleNamespace(positions=Tensor(POINTS)), to_legacy=lambda: None),
+        from_points,
+        POINTS,
     ),
     "voxels": (
-        lambda _: SimpleNamespace(
+        SimpleNamespace(
             voxel_size=0.25,
             get_voxels=lambda: [SimpleNamespace(grid_index=index) for index in (1, 3)],
             get_voxel_center_coordinate=lambda index: np.full(3, 0.125 + 0.25 * index),
         ),
-        lambda value, _: Workspace.from_array(value, 0.25),
-        [lambda world: world.shapes[0].centers.tolist() == [[0.375] * 3, [0.875] * 3]],
+        from_array,
+        holds_balls([[0.375] * 3, [0.875] * 3]),
     ),
     "a tree of voxels": (
         lambda _: make_octree(),
-        lambda value, _: Workspace.from_points(value, 0.25),
-        [lambda _: np.count_nonzero(Workspace.open("map.bt").outer) == 1],
+        from_points,
+        lambda _: np.count_nonzero(Workspace.open("map.bt").outer) == 1,
     ),
-    "a relation": (
-        lambda _: SimpleNamespace(fetchdf=lambda: pd.DataFrame({"y": [1.55], "x": [0.55]})),
-        lambda value, _: build(Workspace.from_array(WALL, 0.1), "disc:0.1").is_free(value),
-        [lambda world: Grid((0, 0), 0.1, (30, 20)).cell_of(world).tolist() == [[5, 15]]],
-    ),
-    "a lazy table": (
-        lambda _: SimpleNamespace(collect=lambda: pd.DataFrame({"y": [1.55], "x": [0.55]})),
-        lambda value, _: build(Workspace.from_array(WALL, 0.1), "disc:0.1").is_free(value),
-        [lambda world: Grid((0, 0), 0.1, (30, 20)).cell_of(world).tolist() == [[5, 15]]],
-    ),
-    "sparse cells": (
-        lambda _: scipy.sparse.csr_array(WALL),
-        lambda value, _: Workspace.from_array(value, 0.1),
-        [lambda world: (world == WALL).all()],
-    ),
+    "a relation": (SimpleNamespace(fetchdf=lambda: TABLE), ask_place, is_in_cell),
+    "a lazy table": (SimpleNamespace(collect=lambda: TABLE), ask_place, is_in_cell),
+    "sparse cells": (scipy.sparse.csr_array(WALL), from_array, WALL),
     "corners": (
-        lambda _: SQUARE,
-        lambda value, _: Workspace.from_polygons(value, 0.25),
-        [lambda world: world.equals(shapely.box(0.5, 0.5, 2.0, 1.5))],
+        SQUARE,
+        lambda polygons: Workspace.from_polygons(polygons, 0.25),
+        covers(1.5),
     ),
-    "rings": (
-        lambda _: [SQUARE, HOLE],
-        lambda value, _: turning().add_obstacle("zone", value),
-        [
-            lambda world: cover(world) == 1.375,
-            lambda world: cover(world) == 1.5,
-        ],
-    ),
+    "rings": ([SQUARE, HOLE], add_zone, covers(1.375), covers(1.5)),
     "rings of several polygons": (
-        lambda _: [[SQUARE, HOLE], [(5.0 + np.array(SQUARE)).tolist()]],
-        lambda value, _: planners.SpeedZones([(value, 0.5)]),
-        [lambda world: cover(world) == 2.875],
+        [[SQUARE, HOLE], [(5.0 + np.array(SQUARE)).tolist()]],
+        slow_in,
+        covers(2.875),
     ),
 }
-"""Value, a call that refuses it, and what holds for each call that its hint names."""
-
-
-def shift(*position):
-    """Return the pose of a frame that is moved, shape (4, 4)."""
-    pose = np.eye(4)
-    pose[:3, 3] = position
-    return pose
-
-
-def cover(areas):
-    """Return the area of polygons, as zones."""
-    return float(planners.SpeedZones([(areas, 0.5)]).zones[0][0].area)
+"""Value, or what makes it in a folder; a call that refuses it; what each call of its hint makes."""
 
 
 def list_calls(hint):
@@ -820,9 +787,10 @@ def list_calls(hint):
 
 
 def refuse_kind(kind, folder):
-    """Return the value of a kind, the error of the call that refuses it, and names for its hint."""
-    make, refused, _ = KINDS[kind]
-    value = make(folder)
+    """Return the error of the call that refuses the value of a kind, and names for its hint."""
+    value, refuse, *_ = KINDS[kind]
+    if inspect.isfunction(value):
+        value = value(folder)
     names = {
         "cspace": cspace,
         "numpy": np,
@@ -830,28 +798,28 @@ def refuse_kind(kind, folder):
         "shapely": shapely,
         "point_cloud2": SimpleNamespace(read_points=read_fields),
         "space": turning(),
-        "arm": cspace.Arm.from_urdf(write_chain(folder, False)),
+        "arm": planar_arm(),
         "first": SimpleNamespace(motion=value, robot=getattr(value, "robot", None)),
         "zones": [value],
         "spacing": 0.25,
     }
     with pytest.raises(cspace.CspaceError) as caught:
-        refused(value, names)
-    error = caught.value
-    names.setdefault(error.argument, value)
-    return error, names
+        refuse(value)
+    names.setdefault(caught.value.argument, value)
+    return caught.value, names
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_value_of_another_kind_is_taken_by_the_calls_of_its_hint(kind, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # which a hint may write to
     error, names = refuse_kind(kind, tmp_path)
-    calls = list_calls(error.hint)
-    checks = KINDS[kind][2]
-    assert len(calls) == len(checks), error
-    for call, check in zip(calls, checks, strict=True):
-        limits = ", ".join(f"{name}={value}" for name, value in BRAKES.items())
-        assert check(eval(call.replace("...", limits), names)), call
+    limits = ", ".join(f"{name}={value}" for name, value in BRAKES.items())
+    for call, expected in zip(list_calls(error.hint), KINDS[kind][2:], strict=True):
+        world = eval(call.replace("...", limits), names)
+        if inspect.isfunction(expected):
+            assert expected(world), call
+        else:
+            assert describe(world) == describe(expected), call
 
 
 # ---- no hint without a world ---------------------------------------------------------------------
@@ -930,7 +898,7 @@ def is_part(text, messages):
 
 
 def test_each_hint_of_the_packages_is_followed_into_its_world(tmp_path):
-    messages = [read_message(partial(row.values[0], tmp_path)) for row in ROWS]
+    messages = [read_message(partial(call, tmp_path)) for call, _ in ROWS.values()]
     for kind in KINDS:
         (tmp_path / kind).mkdir()
         messages.append(refuse_kind(kind, tmp_path / kind)[0].hint)

@@ -195,7 +195,7 @@ YAW = {
     "Near angle": lambda q, _: near_goal(angle=q[2]),
     "Near configuration": lambda q, _: near_goal(yaw=q[2]),
     "RouteGraph.from_arrays headings": lambda q, _: RouteGraph.from_arrays(*GRAPH, headings=q[2]),
-    "RouteGraph.from_arrays yaws": lambda q, _: RouteGraph.from_arrays(*GRAPH, yaws=[q[2], 0.0]),
+    "RouteGraph.from_arrays yaws": lambda q, _: RouteGraph.from_arrays(*GRAPH, yaws=[q[2], np.nan]),
     "SpeedZones.largest_speed q": lambda q, _: zones().largest_speed(turning(), [q]),
     "SpeedZones.largest_speed turns": lambda q, _: zones().largest_speed(
         turning(), FREE_Q, 0.1, q[2]

@@ -22,20 +22,8 @@ def build_tiles(folder, **options):
     "call, hint",
     # Builds.
     (
-        lambda _: build("floor.npy", CART),
-        "workspace is 'floor.npy' ... Workspace",
-    ),
-    (
-        lambda _: build(CART, FLOOR),
-        "workspace is a Robot ... Workspace",
-    ),
-    (
         lambda _: build(FLOOR, FLOOR),
         "robot is a Workspace ... polygon",
-    ),
-    (
-        lambda _: build(ROOM, CART),
-        "robot has 2 dimensions but the workspace has 3 ... agree; workspace.between(bottom, top)",
     ),
     (
         lambda _: build(FLOOR, CART, workers=0),
@@ -67,10 +55,6 @@ def build_tiles(folder, **options):
         "radii contains 0 ... above zero",
     ),
     (
-        lambda _: Robot.parse("robot"),
-        "robot is 'robot'",
-    ),
-    (
         lambda _: Robot.open("disc:0.3"),
         "robot is disc:0.3 ... Robot.parse takes",
     ),
@@ -84,20 +68,12 @@ def build_tiles(folder, **options):
         "rotations is 0 ... 1 to 65536",
     ),
     (
-        lambda _: build(FLOOR, CART, rotations=[[0.0]]),
-        "rotations has shape (1, 1) ... 2 to 65537",
-    ),
-    (
         lambda _: build(FLOOR, CART, rotations=[0.0, 90.0, 360.0]),
         "rotations reach from 0 to 360 rad, or do not ascend; borders",
     ),
     (
         lambda _: build(FLOOR, CART, rotations=Rotations.quaternions(2)),
         "rotations are 32 rotations in space ... turns",
-    ),
-    (
-        lambda _: Rotations.quaternions(0),
-        "rotations is 0 ... 1 to 64",
     ),
     (
         lambda _: turning().explain((2.5, 0.5, 1e30), (2.5, 0.5, 0.0)),
@@ -116,14 +92,6 @@ def build_tiles(folder, **options):
         "rotation has shape (2,) ... given",
     ),
     # Maps.
-    (
-        lambda _: crowded().sample_free(),
-        "the map has no FREE cell ... drawn",
-    ),
-    (
-        lambda _: crowded().nearest_free((1.0, 1.0)),
-        "the map has no FREE cell ... drawn",
-    ),
     (
         lambda _: build(FLOOR, CART).nearest_free([(1.0, 1.0), (1.0, 1.2)]),
         "q has shape (2, 2) ... one configuration, shape (2,)",

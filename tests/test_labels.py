@@ -11,11 +11,10 @@ import xarray as xr
 
 import cspace
 import planners
-from cspace import CspaceError, Grid, Robot, Rotations, Workspace
-from cspace.arms import PosedShape, PoseGoal, build_arm_space
-from cspace.lanes import HeadingRule, Mover, RouteGraph
-from cspace.spectral import Bump, ball_spectrum
-from planners import Near, Upright
+from cspace import CspaceError, Robot
+from cspace.arms import PosedShape
+from cspace.lanes import Mover, RouteGraph
+from cspace.spectral import Bump
 from tests.helpers.calls import (
     CALLS,
     CONFIGURED,
@@ -91,10 +90,11 @@ def plain(answer):
         return str([plain(entry) for entry in answer])
     if isinstance(answer, str):
         return answer
-    for name in ("waypoints", "positions", "b", "chunk", "proven", "verdict", "lower"):
-        if hasattr(answer, name):
-            return plain(getattr(answer, name))
-    return repr(answer)
+    names = (
+        *("waypoints", "positions", "yaws", "lanes", "b", "chunk", "commands", "proven", "verdict"),
+        *("spec", "grid", "outer", "centers"),
+    )
+    return str([plain(getattr(answer, name)) for name in names if hasattr(answer, name)] or answer)
 
 
 def ask(call, arguments):
@@ -164,222 +164,142 @@ def test_tables_of_other_columns_or_units_are_refused(objects, seed):
 Q = (0.5, 0.75, 0.25)
 PLANE = ("x", "y")
 SPACE = ("x", "y", "z")
-TURNING = ("x", "y", "yaw")
+YAW = ("yaw",)
 JOINTS = ("shoulder", "elbow")
-TOLERANCE = ("metres", "radians")
+PLACE = (0.125, 0.25)
 TRIANGLE = [(0.0, 0.0), (1.0, 0.0), (0.5, 2.0)]
 POINTS = [(0.0, 0.5), (1.0, 0.25)]
+RADII = (0.5, 0.25)
 CELLS = np.eye(3, dtype=bool)[:2]
-CORNERS = ("xmin", "ymin", "xmax", "ymax")
 POSE = [tuple(row) for row in np.eye(4).tolist()]
 COLUMNS = ("right", "up", "out", "place")  # of a matrix, which has no names
 BALL = Robot.ball(0.125, (0.0, 0.0, 8.0)).shape
 
 
-def make_graph(positions=POINTS, edges=((0, 1),), yaws=None, heading="forward"):
-    """Make a graph; return its nodes and the headings of its lanes."""
-    graph = RouteGraph.from_arrays(positions, edges, headings=heading, yaws=yaws)
-    lanes = [(lane.start, lane.end, sorted(lane.heading.yaws)) for lane in graph.lanes]
-    return [graph.positions, graph.yaws, str(lanes)]
-
-
-def measure(motion=(0.5, 0.75), velocity=None):
+def measure(motion, velocity=None):
     """Return the distance of a thing that moves from one that stands."""
     still = Mover(Robot.disc(0.1), (3.0, 1.0))
     moving = Mover(Robot.disc(0.1), motion, velocity=velocity)
     return cspace.lanes.apart(moving, still, until=1.0).distance
 
 
-def arm_of(objects):
-    """Return the arm of the objects."""
-    return objects["ArmSpace"].arm
-
-
-CENTERED = {
-    "disc": (0.25,),
-    "rectangle": (0.5, 0.25),
-    "ellipse": (0.5, 0.25),
-    "ball": (0.5,),
-    "capsule": (0.5, 0.25),
-    "cylinder": (0.5, 0.25),
-    "box": ((1.0, 1.0, 1.0),),
+GIVEN = {
+    "Robot.disc": {"radius": 0.25},
+    "Robot.ball": {"radius": 0.25},
+    "Robot.rectangle": {"length": 0.5, "width": 0.25},
+    "Robot.ellipse": {"radius_x": 0.5, "radius_y": 0.25},
+    "Robot.capsule": {"length": 0.5, "radius": 0.25},
+    "Robot.cylinder": {"radius": 0.25, "height": 0.5},
+    "Robot.box": {"extents": (1.0, 1.0, 1.0)},
+    "Robot.from_balls": {"centers": POINTS, "radii": 0.5},
+    "Robot.from_bitmap": {"occupied": CELLS, "spacing": 0.125},
+    "Grid": {"lower": (0, 0), "spacing": 0.5, "shape": (3, 4)},
+    "Workspace.from_array": {"occupied": CELLS, "spacing": 0.5},
+    "Workspace.from_balls": {"centers": POINTS, "radii": 0.25, "spacing": 0.125},
+    "Workspace.from_points": {"points": POINTS, "spacing": 0.125, "radius": 0.25},
+    "Workspace.from_shapes": {"shapes": [Robot.disc(0.25).shape], "spacing": 0.125},
+    "Gate.slow_down": {"q": Q, "twist": (0.25, 0.125)},
+    "Near": {"configuration": (1.5, 1.5, 0.5), "distance": 0.25},
+    "measure": {"motion": (0.5, 0.75)},
+    "Upright": {"frame": "tool"},
+    "PoseGoal": {"frame": "tool", "pose": POSE},
+    "PosedShape": {"shape": BALL},
+    "build_arm_space": {"obstacles": {"ball": PosedShape(BALL, POSE)}, "arm": planar_arm()},
+    "Arm.pose": {"frame": "fore"},
+    "Arm.link_speed": {"link": "fore", "q": (0.5, 0.75)},
+    "Arm.configuration": {"values": {}},
+    "Arm.inverse": {"frame": "upper", "pose": np.eye(4), "seed": 0},
+    "RouteGraph.from_arrays": {"positions": POINTS, "edges": [(0, 1)]},
+    "HeadingRule": {"frame": "map"},
+    "ball_spectrum": {
+        "centers": POINTS,
+        "radii": 0.5,
+        "bump": Bump(),
+        "lengths": (2.0, 2.0),
+        "counts": (8, 8),
+    },
 }
-"""Sizes of robots that are made at a center."""
-
-
-def make_centered(name, *sizes):
-    """Return how to make a robot at a center, numbers of one, and their labels."""
-    dim = getattr(Robot, name)(*sizes).shape.dim
-    return lambda _, v: getattr(Robot, name)(*sizes, v).spec, Q[:dim], SPACE[:dim]
-
+"""What else a call takes."""
 
 MAKERS = {
-    **{f"Robot.{name} center": make_centered(name, *sizes) for name, sizes in CENTERED.items()},
-    "Robot.box extents": (lambda _, v: Robot.box(v).spec, Q, SPACE),
-    "Robot.polygon shape": (lambda _, v: Robot.polygon(v).spec, TRIANGLE, PLANE),
-    "Robot.from_footprint footprint": (
-        lambda _, v: Robot.from_footprint(v).spec,
-        TRIANGLE,
-        PLANE,
-    ),
-    "Robot.from_balls centers": (lambda _, v: Robot.from_balls(v, 0.5).spec, POINTS, PLANE),
-    "Robot.from_balls radii": (lambda _, v: Robot.from_balls(POINTS, v).spec, (0.5, 0.25), PLANE),
-    "Robot.from_bitmap lower": (
-        lambda _, v: Robot.from_bitmap(CELLS, 0.125, v).spec,
-        (0.125, 0.25),
-        PLANE,
-    ),
-    "Grid.__init__ lower": (lambda _, v: Grid(v, 0.5, (3, 4)).lower, (0.125, 0.25), PLANE),
-    "Grid.__init__ shape": (lambda _, v: Grid((0, 0), 0.5, v).shape, (3, 4), PLANE),
-    "Grid.center_of cells": (lambda made, v: made["Grid"].center_of(v), (3, 4), PLANE),
-    "Workspace.from_array lower": (
-        lambda _, v: Workspace.from_array(CELLS, 0.5, v).grid.lower,
-        (0.125, 0.25),
-        PLANE,
-    ),
-    "Workspace.from_balls centers": (
-        lambda _, v: Workspace.from_balls(v, 0.25, 0.125).outer,
-        POINTS,
-        PLANE,
-    ),
-    "Workspace.from_balls radii": (
-        lambda _, v: Workspace.from_balls(POINTS, v, 0.125).outer,
-        (0.5, 0.25),
-        PLANE,
-    ),
-    "Workspace.from_points points": (
-        lambda _, v: Workspace.from_points(v, 0.125, radius=0.25).outer,
-        POINTS,
-        PLANE,
-    ),
-    "Workspace.from_points bounds": (
-        lambda _, v: Workspace.from_points(POINTS, 0.125, bounds=v).grid.shape,
-        [(0.0, -0.5), (1.0, 0.5)],
-        PLANE,
-    ),
-    "Workspace.from_shapes bounds": (
-        lambda _, v: Workspace.from_shapes([Robot.disc(0.25).shape], 0.125, v).grid.shape,
-        (-1.0, -0.5, 2.0, 1.0),
-        CORNERS,
-    ),
-    "Workspace.from_points offset": (
-        lambda _, v: Workspace.from_points(POINTS, 0.125, radius=0.25, offset=v).grid.lower,
-        (0.0, -0.5),
-        PLANE,
-    ),
-    "Rotations.of value": (
-        lambda _, v: Rotations.of(v).centers,
-        (0.0, 0.5, 1.0, 2.0 * math.pi),
-        ("yaw",),
-    ),
-    "Rotations.cell_of rotation": (
-        lambda made, v: str(made["CSpace"].rotations.cell_of(v)),
-        (0.5,),
-        ("yaw",),
-    ),
-    "CSpace.states_at rotation": (lambda made, v: made["CSpace"].states_at(v), (0.5,), ("yaw",)),
-    "CSpace.to_costmap rotation": (
-        lambda made, v: str(made["CSpace"].to_costmap(rotation=v).data),
-        (0.5,),
-        ("yaw",),
-    ),
-    "Gate.slow_down twist_now": (
-        lambda made, v: made["Gate"].slow_down(Q, (0.25, 0.125), twist_now=v).commands,
-        (0.125, 0.25),
-        ("v", "omega"),
-    ),
-    "Near configuration": (
-        lambda made, v: planners.plan(made["CSpace"], Q, Near(v, 0.25), seed=0).path,
-        (1.5, 1.5, 0.5),
-        TURNING,
-    ),
-    "Mover motion": (lambda _, v: measure(v), (0.5, 0.75), PLANE),
-    "Mover velocity": (lambda _, v: measure(velocity=v), (0.25, 0.125), PLANE),
-    "Upright axis": (lambda _, v: Upright("tool", v).axis, (0.0, 0.5, 1.0), SPACE),
-    "Upright direction": (
-        lambda _, v: Upright("tool", direction=v).direction,
-        (0.0, 0.5, 1.0),
-        SPACE,
-    ),
-    "PoseGoal pose": (lambda _, v: PoseGoal("tool", v).pose, POSE, COLUMNS),
-    "PoseGoal tolerance": (
-        lambda _, v: PoseGoal("tool", POSE, v).tolerance,
-        (0.25, 0.125),
-        TOLERANCE,
-    ),
-    "PosedShape pose": (
-        lambda _, v: PosedShape(BALL, v).pose,
-        POSE,
-        COLUMNS,
-    ),
-    "build_arm_space base_pose": (
-        lambda _, v: build_arm_space(
-            {"ball": PosedShape(BALL, POSE)}, planar_arm(), base_pose=v
-        ).obstacle_distance((0.5, 0.75)),
-        POSE,
-        COLUMNS,
-    ),
-    "Arm.pose q": (lambda made, v: arm_of(made).pose(v, "fore"), (0.5, 0.75), JOINTS),
-    "Arm.link_speed velocity": (
-        lambda made, v: arm_of(made).link_speed("fore", (0.5, 0.75), v),
-        (0.5, 0.25),
-        JOINTS,
-    ),
-    "Arm.poses q": (lambda made, v: str(arm_of(made).poses(v)), (0.5, 0.75), JOINTS),
-    "Arm.configuration base": (
-        lambda made, v: arm_of(made).configuration({}, base=v),
-        (0.5, 0.75),
-        JOINTS,
-    ),
-    "Arm.inverse near": (
-        lambda made, v: arm_of(made).inverse("upper", np.eye(4), near=v, seed=0),
-        (0.5, 0.75),
-        JOINTS,
-    ),
-    "ConvexRegion.contains q": (
-        lambda made, v: made["CSpace"].free_region(Q, reach=0.25).contains(v),
-        Q,
-        TURNING,
-    ),
-    "RouteGraph.from_arrays positions": (lambda _, v: make_graph(v), POINTS, PLANE),
-    "RouteGraph.from_arrays edges": (
-        lambda _, v: make_graph(edges=v),
-        [(0, 1), (1, 0)],
-        ("start", "end"),
-    ),
-    "RouteGraph.from_arrays yaws": (lambda _, v: make_graph(yaws=v), (0.5, 0.25), ("a", "b")),
-    "HeadingRule yaws": (
-        lambda _, v: make_graph(heading=HeadingRule("map", v)),
-        (0.5, 0.25),
-        ("a", "b"),
-    ),
-    "ball_spectrum centers": (
-        lambda _, v: ball_spectrum(v, 0.5, Bump(), (2.0, 2.0), (8, 8)),
-        POINTS,
-        PLANE,
-    ),
-    "ball_spectrum radii": (
-        lambda _, v: ball_spectrum(POINTS, v, Bump(), (2.0, 2.0), (8, 8)),
-        (0.5, 0.25),
-        PLANE,
-    ),
-    "ball_spectrum lengths": (
-        lambda _, v: ball_spectrum(POINTS, 0.5, Bump(), v, (8, 8)),
-        (2.0, 3.0),
-        PLANE,
-    ),
+    **{f"Robot.{name} center": (PLACE, PLANE) for name in ("disc", "rectangle", "ellipse")},
+    **{f"Robot.{name} center": (Q, SPACE) for name in ("ball", "capsule", "cylinder", "box")},
+    "Robot.box extents": (Q, SPACE),
+    "Robot.polygon shape": (TRIANGLE, PLANE),
+    "Robot.from_footprint footprint": (TRIANGLE, PLANE),
+    "Robot.from_balls centers": (POINTS, PLANE),
+    "Robot.from_balls radii": (RADII, PLANE),
+    "Robot.from_bitmap lower": (PLACE, PLANE),
+    "Grid lower": (PLACE, PLANE),
+    "Grid shape": ((3, 4), PLANE),
+    "grid.center_of cells": ((3, 4), PLANE),
+    "Workspace.from_array lower": (PLACE, PLANE),
+    "Workspace.from_balls centers": (POINTS, PLANE),
+    "Workspace.from_balls radii": (RADII, PLANE),
+    "Workspace.from_points points": (POINTS, PLANE),
+    "Workspace.from_points bounds": ([(0.0, -0.5), (1.0, 0.5)], PLANE),
+    "Workspace.from_shapes bounds": ((-1.0, -0.5, 2.0, 1.0), ("xmin", "ymin", "xmax", "ymax")),
+    "Workspace.from_points offset": ((0.0, -0.5), PLANE),
+    "Rotations.of value": ((0.0, 0.5, 1.0, 2.0 * math.pi), YAW),
+    "rotations.cell_of yaw": ((0.5,), YAW),
+    "CSpace.states_at rotation": ((0.5,), YAW),
+    "CSpace.to_costmap rotation": ((0.5,), YAW),
+    "Gate.slow_down twist_now": (PLACE, ("v", "omega")),
+    "Near configuration": ((1.5, 1.25, 0.5), (*PLANE, *YAW)),
+    "measure motion": ((0.5, 0.75), PLANE),
+    "measure velocity": ((0.25, 0.125), PLANE),
+    "Upright axis": ((0.0, 0.5, 1.0), SPACE),
+    "Upright direction": ((0.0, 0.5, 1.0), SPACE),
+    "PoseGoal pose": (POSE, COLUMNS),
+    "PoseGoal tolerance": ((0.25, 0.125), ("metres", "radians")),
+    "PosedShape pose": (POSE, COLUMNS),
+    "build_arm_space base_pose": (POSE, COLUMNS),
+    "Arm.pose q": ((0.5, 0.75), JOINTS),
+    "Arm.link_speed velocity": (RADII, JOINTS),
+    "Arm.poses q": ((0.5, 0.75), JOINTS),
+    "Arm.configuration base": ((0.5, 0.75), JOINTS),
+    "Arm.inverse near": ((0.5, 0.75), JOINTS),
+    "region.contains q": (Q, (*PLANE, *YAW)),
+    "RouteGraph.from_arrays positions": (POINTS, PLANE),
+    "RouteGraph.from_arrays edges": ([(0, 1), (1, 0)], ("start", "end")),
+    "RouteGraph.from_arrays yaws": (RADII, ("a", "b")),
+    "HeadingRule yaws": (RADII, ("a", "b")),
+    "ball_spectrum centers": (POINTS, PLANE),
+    "ball_spectrum radii": (RADII, PLANE),
+    "ball_spectrum lengths": ((2.0, 3.0), PLANE),
 }
-"""What is made of numbers, or asked of what was made, with numbers and their labels."""
+"""Calls and arguments: what is made of numbers, or asked of it, with numbers and their labels."""
+
+
+def find_call(objects, name):
+    """Return a call by its name, of an object, of what one has, or of this module."""
+    owner, _, method = name.rpartition(".")
+    space = objects["CSpace"]
+    modules = cspace, cspace.arms, cspace.lanes, cspace.spectral, planners
+    given = {key: each for module in modules for key, each in vars(module).items()} | objects
+    given |= {
+        "Grid": cspace.Grid,
+        "grid": space.grid,
+        "rotations": space.rotations,
+        "Arm": objects["ArmSpace"].arm,
+    }
+    given |= {"region": space.free_region(Q, reach=0.25), "measure": measure}
+    return getattr(given[owner], method) if owner else given[method]
 
 
 @pytest.mark.parametrize("maker", MAKERS)
 def test_what_is_made_of_numbers_with_labels_is_one_thing(objects, maker):
-    make, numbers, labels = MAKERS[maker]
+    numbers, labels = MAKERS[maker]
+    name, argument = maker.split()
+    make = find_call(objects, name)
 
     def call(value):
-        """Make the thing of a value."""
-        made = make(objects, value)
-        return str(made) if isinstance(made, str | dict) else made
+        made = make(**{**GIVEN.get(name, {}), argument: value})
+        if name == "Near":
+            return planners.plan(objects["CSpace"], Q, made, seed=0)
+        if name == "HeadingRule":
+            return RouteGraph.from_arrays(POINTS, [(0, 1)], headings=made)
+        return str(made.data) if name == "CSpace.to_costmap" else made
 
     expected = ask(call, {"value": numbers})
     assert not expected.startswith("refused"), expected

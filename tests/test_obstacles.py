@@ -53,27 +53,30 @@ class Stage:
         return (box.vertices @ turn + center, box.faces), None
 
     def step(self, space):
-        """Change an obstacle or cells; return a new build."""
-        rng = self.world.rng
+        """Change an obstacle or cells; check what changed, and return a new build."""
+        rng, before = self.world.rng, space.cell_states.copy()
         name, action = str(rng.choice(["cart", "dog", "door"])), rng.random()
         if action < 0.25 and name in self.placed:
-            space.remove_obstacle(name)
+            change = space.remove_obstacle(name)
             del self.placed[name]
-        elif action < 0.4:
+        elif action < 0.5:
             cells, lower, inner = self.world.patch()
-            space.update(cells, lower, inner=inner)
-        elif action < 0.7:
+            change = space.update(cells, lower, inner=inner)
+        elif action < 0.75:
             shapes = {each: as_shape(*self.obstacle()) for each in ("cart", "dog", "cat")}
             gone = list(self.placed)[:1]
-            space.update(shapes | dict.fromkeys(gone))
+            change = space.update(shapes | dict.fromkeys(gone))
             self.placed |= shapes
             for each in gone:
                 del self.placed[each]
         else:
             obstacle, radius = self.obstacle()
-            space.add_obstacle(name, obstacle, radius=radius)
+            change = space.add_obstacle(name, obstacle, radius=radius)
             self.placed[name] = as_shape(obstacle, radius)
         assert set(space.obstacles) == set(self.placed)
+        changed = np.argwhere(space.cell_states != before)[:, -len(self.size) :]
+        assert change.changed == len(changed)
+        assert (changed >= change.lower).all() and (changed < change.upper).all()
         return self.build()
 
     def build(self):
@@ -92,7 +95,7 @@ class Stage:
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@examples(12)
+@examples(20)
 @given(worlds(), st.booleans())
 def test_added_moved_and_removed_obstacles_equal_a_rebuild(world, queried):
     stage, space = Stage(world), world.build()

@@ -111,7 +111,6 @@ def write_package(folder):
         GOOD_URDF.replace(' size="1 1 1"', ""),
         "robot.urdf: lacks the size of the box of link 'base', ... there",
     ),
-    (LINKS, GOOD_URDF.replace("robot", "model"), "URDF files describe a robot"),
     (
         LINKS,
         URDF.replace("JOINT", TURNING),
@@ -126,11 +125,6 @@ def write_package(folder):
         LINKS,
         GOOD_URDF.replace('<box size="1 1 1"/>', '<mesh filename="a.stl" scale="0 1 1"/>'),
         "robot.urdf: link 'base', collision 0: mesh: scale is [0.0, ... factor",
-    ),
-    (
-        LINKS,
-        GOOD_URDF.replace(BOX, ""),
-        "link is base, top",
     ),
     (
         "scene.yaml",
@@ -242,10 +236,6 @@ def test_what_a_file_says_oddly_is_warned_of(name, wrong, hint, tmp_path):
     (
         lambda f: Robot.from_urdf(write(f, "a.urdf", GOOD_URDF), solid="surface"),
         "only a mesh can be a surface without an inside",
-    ),
-    (
-        lambda f: Robot.from_urdf(write(f, "a.urdf", GOOD_URDF.replace(BOX, "", 1)), "base"),
-        "link is base ... collision",
     ),
 )
 @pytest.mark.filterwarnings("ignore::UserWarning")

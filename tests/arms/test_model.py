@@ -1,7 +1,6 @@
 """Arms from URDF and SRDF files, against yourdfpy."""
 
 import math
-import sys
 import warnings
 from types import SimpleNamespace
 
@@ -140,46 +139,6 @@ def test_a_chain_of_mimicking_joints_follows_the_first(tmp_path):
     )
     pose = read("", "").pose([0.3, 0.4, 1.7], "hand")
     np.testing.assert_allclose(follows.pose([0.3], "hand"), pose, atol=1e-12)
-
-
-def count_instructions(call):
-    """Return the number of instructions of Python that run in the library."""
-    count = 0
-
-    def trace(frame, event, argument):
-        nonlocal count
-        if event == "call":
-            if "cspace" not in frame.f_code.co_filename:
-                return None
-            frame.f_trace_opcodes, frame.f_trace_lines = True, False
-        elif event == "opcode":
-            count += 1
-        return trace
-
-    before = sys.gettrace()
-    sys.settrace(trace)
-    try:
-        call()
-    finally:
-        sys.settrace(before)
-    return count
-
-
-@pytest.mark.parametrize("kind", ["fixed", "mimic"])
-def test_the_work_of_a_long_chain_grows_as_its_length(tmp_path, kind):
-    def read(count):
-        extra = '<mimic joint="turn" multiplier="0"/>' if kind == "mimic" else ""
-        type_ = "continuous" if kind == "mimic" else "fixed"
-        parts = [link("l0"), link("l1"), joint("turn", "l0", "l1", kind="continuous", limits=None)]
-        for k in range(1, count):
-            parts.append(link(f"l{k + 1}", *([BAR] if k == count - 1 else [])))
-            parts.append(joint(f"j{k}", f"l{k}", f"l{k + 1}", kind=type_, limits=None, extra=extra))
-        path = write_urdf(tmp_path, *parts)
-        return count_instructions(lambda: Arm.from_urdf(path))
-
-    read(10)  # the first call imports and compiles
-    work = [read(count) for count in (25, 100, 400)]
-    assert work[1] < 4.4 * work[0] and work[2] < 4.4 * work[1]
 
 
 def write_srdf(folder, text):

@@ -204,15 +204,6 @@ def test_a_plan_and_its_trajectory_stay_upright(waiter, arm, space):
     check_kept(waiter, arm, space, trajectory.sample(instants)[0])
     assert trajectory.certified and trajectory.recheck(space).all()
     assert trajectory.duration < 0.8 * plan.trajectory(blend=False, **limits).duration
-    stop = trajectory.braked(0.5 * trajectory.duration)
-    assert stop.certified and stop.recheck(space).all()
-    # On the way back the arm goes on without a stop, and keeps the glass as well.
-    at = 0.3 * trajectory.duration
-    back = planners.plan(space, trajectory.starts_after(at)[-1], START, keep=GLASS, seed=1)
-    onward = back.trajectory(after=trajectory, at=at, **limits)
-    assert onward.certified and not onward.stop_reason
-    instants = np.linspace(0.0, onward.duration, 2001)
-    check_kept(waiter, arm, space, onward.sample(instants)[0])
 
 
 def test_recheck_asks_for_the_axis_and_for_present_obstacles(space):
@@ -236,15 +227,6 @@ def test_recheck_asks_for_the_axis_and_for_present_obstacles(space):
         assert after.certified and after.recheck().all()
 
 
-@pytest.mark.parametrize("tolerance", [(1e-3, 0.01), (1e-3, math.inf)], ids=["pose", "place"])
-def test_goals_may_be_poses(waiter, arm, space, tolerance):
-    goal = PoseGoal("tool0", pose_at(0.3, 0.6, 0.1, (0, 0, 1.0)), tolerance)
-    plan = planners.plan(space, START, goal, keep=GLASS, seed=1, time_limit=20.0)
-    assert plan.certified
-    check_kept(waiter, arm, space, sample_path(plan.path))
-    assert np.linalg.norm(arm.pose(plan.goal, "tool0")[:3, 3] - (0.3, 0.6, 0.1)) <= 1e-3
-
-
 @pytest.mark.parametrize("max_jerk", [None, 10.0])
 def test_places_several_goals_and_motions_that_go_on_stay_upright(waiter, arm, space, max_jerk):
     high = (0.0, -0.6, 0.58, 0.0, 0.0)
@@ -252,9 +234,10 @@ def test_places_several_goals_and_motions_that_go_on_stay_upright(waiter, arm, s
     via = [high, PoseGoal("tool0", side, (1e-3, math.inf))]
     far = PoseGoal("tool0", arm.pose((-2.5, 0.5, -1.0, 0.5, 0.0), "tool0"))
     options = {"keep": GLASS, "seed": 1, "time_limit": 20.0}
-    plan = planners.plan(space, START, [far, GOAL], via=via, **options)
+    goal = PoseGoal("tool0", pose_at(0.3, 0.6, 0.1, (0, 0, 1.0)), (1e-3, 0.01))
+    plan = planners.plan(space, START, [far, goal], via=via, **options)
     assert plan.certified and plan.recheck().all()
-    np.testing.assert_array_equal(plan.goal[:4], GOAL[:4])
+    assert np.linalg.norm(arm.pose(plan.goal, "tool0")[:3, 3] - (0.3, 0.6, 0.1)) <= 1e-3
     places = plan.path[list(plan.via_rows)]
     assert places[0, :4].tolist() == list(high[:4])
     assert np.linalg.norm(arm.pose(places[1], "tool0")[:3, 3] - side[:3, 3]) <= 1e-3
@@ -268,6 +251,7 @@ def test_places_several_goals_and_motions_that_go_on_stay_upright(waiter, arm, s
         at = 0.4 * trajectory.duration
         back = planners.plan(space, trajectory.starts_after(at)[-1], START, via=[high], **options)
         onward = back.trajectory(after=trajectory, at=at, **limits)
+        assert not onward.stop_reason
         for motion in (trajectory, trajectory.braked(at), onward):
             assert motion.certified and motion.recheck(space).all()
             rows = sample_evenly(motion, 2001)[0]

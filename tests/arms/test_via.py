@@ -9,12 +9,9 @@ import shapely
 import cspace
 import planners
 from cspace import InputError
-from planners._catalogue import planner_names
 from tests.helpers.motions import pass_near
-from tests.helpers.planning import ANYTIME_PLANNERS, check_support, plan_patiently
+from tests.helpers.planning import check_support, plan_patiently
 from tests.helpers.urdfs import (
-    CONTINUOUS,
-    build_plane_arm,
     joint,
     link,
     planar,
@@ -65,17 +62,6 @@ def test_whole_turns_of_a_continuous_joint_add_up_from_place_to_place(tmp_path):
     plan = planners.plan(space, (0.0, 0.0), places[-1], via=places[:-1])
     rows = plan.path[[*plan.via_rows, -1]]
     np.testing.assert_allclose(rows[:, 0], [2.0, -2.0 + math.tau, math.tau], atol=1e-9)
-
-
-@pytest.mark.parametrize("name", (*planner_names(), "BiRRT"))
-def test_paths_of_all_planners_begin_at_the_start_without_whole_turns(name):
-    space = build_plane_arm(**CONTINUOUS)
-    start, goal = (2.0 * math.tau + 1.0, 0.3), (-1.0, 0.5)  # beyond the first post
-    search = planners.Search(name, iterations=1500 if name in ANYTIME_PLANNERS else None)
-    plan = planners.plan(space, start, goal, planner=search, seed=1)
-    assert plan.certified and len(plan.waypoints) > 2
-    assert tuple(plan.waypoints[0].tolist()) == start
-    assert np.abs(np.diff(plan.path[:, 0])).max() < math.pi
 
 
 def test_an_arm_names_the_place_that_it_cannot_use(tmp_path):

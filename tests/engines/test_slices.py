@@ -12,8 +12,8 @@ from cspace._rotations import RotationCell, Rotations
 from cspace._shapes import Shape
 from tests.helpers.oracles import raster_offsets
 from tests.helpers.strategies import few
+from tests.raster.test_turns import BITMAP
 
-BITMAP = np.array([[[1, 1], [1, 0]], [[1, 0], [0, 0]], [[1, 0], [0, 1]]], dtype=bool)
 ROBOTS = {
     "rectangle": Robot.rectangle(0.93, 0.41),
     "triangle": Robot.polygon([(0.9, 0.1), (-0.3, 0.35), (-0.2, -0.45)]),

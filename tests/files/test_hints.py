@@ -9,7 +9,6 @@ import pytest
 import trimesh
 from PIL import Image
 
-import cspace
 from cspace import Robot, Workspace
 from cspace._files.ros_maps import OccupancyGrid
 from tests.helpers.mesh_files import make_collada, write_gltf
@@ -98,7 +97,6 @@ def write_old_version(header, _):
     ("a.wkt", "HELLO", "a.wkt: begins with 'HELLO' ... WKT"),
     ("a.json", "{", "a.json: cannot be read as a JSON file"),
     ("a.wkt", f"POINT (1 2)\n{BOW}", "a.wkt, geometry 2 is not valid"),
-    ("a.json", "[1]", "a.json: holds a JSON list ... object"),
     ("a.json", "[[0, 0, 1], [0, 0, 0]]", f"a.json: holds a JSON list ... {PAGE}"),
     ("a.json", feature(None), "a.json, feature 0 has geometry None ... obstacle"),
     (
@@ -266,20 +264,8 @@ GREY = np.full((3, 4), 254, dtype=np.uint8)
         "mesh has a cloud of points (PointCloud) among its meshes ... lost",
     ),
     (
-        lambda f: from_mesh(CLOUD),
-        "mesh is a cloud of points (PointCloud) ... triangles",
-    ),
-    (
-        lambda f: from_mesh(3),
-        "mesh is 3 ... needed",
-    ),
-    (
         lambda f: from_mesh((CUBE.vertices[:, :2], CUBE.faces)),
         "vertices of mesh has shape (8, 2) ... (V, 3), in metres",
-    ),
-    (
-        lambda f: from_mesh((CUBE.vertices, CUBE.faces[:, :2])),
-        "faces of mesh has shape (12, 2) and dtype int64 ... whole",
     ),
     (
         lambda f: from_mesh((CUBE.vertices, [])),
@@ -297,10 +283,6 @@ GREY = np.full((3, 4), 254, dtype=np.uint8)
         "a.npy: holds shape (9, 4) and type float32 ... boolean",
     ),
     (
-        lambda f: Workspace.open(write(f, "a.yaml", "world: {}"), spacing=0.1),
-        "its format takes unknown; use cspace.Workspace.from_moveit_scene('",
-    ),
-    (
         lambda f: Workspace.open(write(f, "a.xyz", "0 0 0")),
         "it is in metres, and not in the file",
     ),
@@ -313,16 +295,8 @@ GREY = np.full((3, 4), 254, dtype=np.uint8)
         "a.map: does not exist",
     ),
     (
-        lambda f: Workspace.open(write(f, "a.map", f"{OCTILE}."), unknown="free"),
-        "its format takes spacing",
-    ),
-    (
         lambda f: Workspace.open(write(f, "a.bt", "# Octomap\n"), unknown="free"),
         "a.bt: begins with '# Octomap' ... '# Octomap OcTree binary file'",
-    ),
-    (
-        lambda f: cspace.open(f / "a.zarr"),
-        "a.zarr: does not exist ... Zarr",
     ),
 )
 @pytest.mark.filterwarnings("ignore::UserWarning")

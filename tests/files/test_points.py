@@ -229,13 +229,6 @@ def test_a_far_frame_is_refused_and_its_hint_followed(tmp_path):
     )
 
 
-def test_columns_of_a_table_are_found_by_name():
-    columns = {"z": [3.0, 3.5], "id": [7, 8], "x": [1.0, 1.5], "y": [2.0, 2.5]}
-    table = pd.DataFrame(columns)
-    workspace = Workspace.from_points(table, 0.1)
-    assert workspace.shapes[0].centers.tolist() == [[1, 2, 3], [1.5, 2.5, 3.5]]
-
-
 def test_a_viewpoint_and_bytes_after_the_points_warn(tmp_path):
     content = make_pcd(CLOUD, "binary")
     path = write(tmp_path, "cloud.pcd", content.replace(b"0 0 0 1 0 0 0", b"0 0 1 1 0 0 0"))
@@ -278,10 +271,7 @@ def test_a_comment_that_names_another_unit_is_warned_of(tmp_path, form):
     }[form]
     path = write(tmp_path, form, content)
     with pytest.warns(UnitWarning, match="are taken as metres"):
-        points = read_points(path)
-    with warnings.catch_warnings(action="error", category=UnitWarning):
-        workspace = Workspace.from_points(0.001 * points, 1e-4)
-    assert np.allclose(workspace.shapes[0].centers, 0.001 * points)
+        read_points(path)
 
 
 SIZED = {
@@ -305,7 +295,7 @@ def test_sizes_of_points_that_nobody_reads_are_named(tmp_path, name):
 
 
 def test_a_size_in_a_table_of_points_is_named():
-    table = pd.DataFrame({"x": [0.0, 2.0], "y": [0.0, 2.0], "radius": [0.5, 0.5]})
+    table = pd.DataFrame({"y": [0.0, 2.0], "x": [0.0, 2.0], "radius": [0.5, 0.5]})
     with pytest.warns(UserWarning, match="points: these fields are not read: radius"):
         Workspace.from_points(table, 0.1)
     colours = table.rename(columns={"radius": "r"}).assign(g=1.0, b=1.0)

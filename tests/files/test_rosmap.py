@@ -293,17 +293,6 @@ def test_values_of_another_kind_are_named(tmp_path, changes, message):
         Workspace.open(write_map(tmp_path, PIXELS, **changes))
 
 
-def test_the_message_of_a_map_is_no_map_file(tmp_path):
-    path = tmp_path / "map.yaml"
-    info = "{resolution: 0.1, width: 2, height: 1, origin: {position: {x: 0, y: 0}, orientation: {"
-    path.write_text(f"info: {info}x: 0, y: 0, z: 0, w: 1}}}}}}\ndata: [0, 100]\n---\n")
-    with pytest.raises(
-        FileError, match=r"map has no image; .*; use cspace.Workspace.from_occupancy_grid\('"
-    ):
-        Workspace.open(path)
-    assert Workspace.from_occupancy_grid(path).outer[:, 0].tolist() == [False, True]
-
-
 def test_the_line_after_an_echo_is_no_second_document(tmp_path):
     path = write_map(tmp_path, PIXELS)
     text = path.read_text()

@@ -14,7 +14,7 @@ from cspace import FREE, MIXED, Robot, Workspace
 from cspace.errors import InputError
 from cspace.inside import tubes_are_free
 from tests.helpers.any_map import ALL_KINDS, WEDGE, build_map
-from tests.helpers.gates import certify_chunk, certify_twists, draw_instants
+from tests.helpers.gates import certify_chunk, certify_twists
 from tests.helpers.handmade import (
     MAP_KINDS,
     build_empty,
@@ -39,12 +39,6 @@ def any_map(request, tmp_path_factory):
     return build_map(space, storage, "free", 5, tmp_path_factory.mktemp("any"))
 
 
-def draw_tracking(any_map, rng):
-    """Draw an error for each coordinate, often zero."""
-    count = any_map.dim + bool(any_map.space.rotations.names)
-    return rng.uniform(0.0, 0.3, count) * (rng.random(count) < 0.8) * rng.choice([0.0, 0.2, 1.0])
-
-
 def stray(any_map, q, tracking, signs, axes):
     """Move configurations by errors, as far as ``signs`` say, rotated about unit ``axes``."""
     dim = any_map.dim
@@ -63,26 +57,6 @@ def draw_axes(any_map, rng, n):
 
 @given(seeds)
 @examples(4)
-def test_no_tube_with_a_contact_is_proven(any_map, seed):
-    """A contact lies within the tracking of the motion, often in a corner of the tube."""
-    rng, space = np.random.default_rng(seed), any_map.space
-    contacts = any_map.draw_contacts(rng, 60)
-    for contact in contacts[:, np.newaxis]:
-        tracking = draw_tracking(any_map, rng)
-        signs = rng.choice([-1.0, 1.0, rng.uniform(-1.0, 1.0)], (1, any_map.dim + 1))
-        near = stray(any_map, contact, (1.0 - 1e-9) * tracking, signs, draw_axes(any_map, rng, 1))
-        steps, turns = any_map.draw_moves(rng, 1)
-        share = rng.choice([0.0, 0.5, 1.0, rng.random()])
-        start = move(any_map.memory, near, -share * steps, -share * turns)
-        end = move(any_map.memory, near, (1.0 - share) * steps, (1.0 - share) * turns)
-        chunk = certify_chunk(space, start[0], np.concatenate([end, end]), tracking)
-        assert chunk.proven == 0
-        after = certify_chunk(space, start[0], np.concatenate([start, end, start]), tracking)
-        assert after.proven <= 1
-
-
-@given(seeds)
-@examples(4)
 def test_without_tracking_as_many_rows_are_proven_as_edges(any_map, seed):
     rng, space = np.random.default_rng(seed), any_map.space
     starts = any_map.draw_inside(rng, 40)[0]
@@ -95,6 +69,8 @@ def test_without_tracking_as_many_rows_are_proven_as_edges(any_map, seed):
     batch = certify_chunk(space, starts, rows)
     assert batch.proven.tolist() == expected.tolist()
     assert batch.is_proven.tolist() == (expected == 5).tolist()
+    tubes = [certify_chunk(each, starts, rows, 0.05) for each in (space, any_map.memory)]
+    assert tubes[0].proven.tolist() == tubes[1].proven.tolist() and tubes[0].proven.any()
     assert 0 < expected.sum() < expected.size * 5
     for start, chunk_rows, count in zip(starts[:5], rows, expected, strict=False):
         chunk = certify_chunk(space, start, chunk_rows)
@@ -104,77 +80,41 @@ def test_without_tracking_as_many_rows_are_proven_as_edges(any_map, seed):
 
 @pytest.mark.parametrize("rounds", few([25, 60]))
 @pytest.mark.parametrize("kind", MAP_KINDS)
-def test_a_tube_is_not_proven_if_any_cell_within_it_is_taken(kind, rounds):
-    """Draw a configuration in a tube, often in a corner, and take its cell alone."""
+def test_no_tube_is_proven_from_the_first_that_meets_a_taken_cell_on(kind, rounds):
+    """Draw a configuration in a tube, often in a corner, and take its cell alone.
+
+    Rows may be so near that a box of cells proves several.
+    """
     rng = np.random.default_rng(7)
-    taken_by_errors = 0
+    stopped_by_tracking = proven_before = 0
     for _ in range(rounds):
         cells = random_states(rng, kind, max_side=12, mixture=(FREE,))
         space = make_map(cells, kind, "free")
-        dim, turns = space.dim, bool(space.rotations.names)
-        low, high = space.grid.lower, space.grid.upper
-        ends = configurations(
-            space,
-            np.column_stack(
-                [rng.uniform(low, high, (2, dim)), rng.uniform(-4.0, 4.0, (2, space.size - dim))]
-            ),
-        )
-        if rng.random() < 0.7:  # a short turn
-            ends[1, dim:] = configurations(space, ends[:1] + 0.1 * (ends[1:] - ends[:1]))[0, dim:]
+        dim, turns, count = space.dim, bool(space.rotations.names), int(rng.choice([1, 12]))
+        places = rng.uniform(space.grid.lower, space.grid.upper, (count + 1, dim))
+        draws = np.column_stack([places, rng.uniform(-4.0, 4.0, (count + 1, space.size - dim))])
+        sizes = np.repeat(rng.choice([0.02, 0.1, 1.0], 2), (dim, space.size - dim))
+        rows = configurations(space, draws[0] + sizes * (draws - draws[0]))
         tracking = rng.choice([0.0, 0.1, 0.5, 1.0], dim + turns) * (rng.random(dim + turns) < 0.7)
-        assert certify_chunk(space, ends[0], ends[1:], tracking).is_proven
-        for share in rng.choice([0.0, 0.5, 1.0, rng.random()], 6):
-            exact = space.interpolate(ends[0], ends[1:], [[share]])
+        assert certify_chunk(space, rows[0], rows[1:], tracking).is_proven
+        for row in rng.integers(count, size=6):
+            share = rng.choice([0.0, 0.5, 1.0, rng.random()])
+            exact = space.interpolate(rows[[row]], rows[[row + 1]], [[share]])
             signs = (1.0 - 1e-9) * rng.choice([-1.0, 0.0, 1.0, rng.random()], (1, dim + 1))
             axis = rng.normal(size=(1, 3)) if space.size == 7 else np.array([[0.0, 0.0, 1.0]])
             angle = signs[:, dim:] * (tracking[-1] if turns else 0.0)
-            inside = move(
-                space,
-                exact,
-                signs[:, :dim] * tracking[:dim],
-                angle * axis / np.linalg.norm(axis),
-            )
-            cell = tuple(space._cells_of(inside)[0].tolist())
+            offset = signs[:, :dim] * tracking[:dim]
+            inside = move(space, exact, offset, angle * axis / np.linalg.norm(axis))
             if not space.grid.contains(inside[0, :dim]):
                 continue
             taken = cells.copy()
-            taken[cell] = MIXED
+            taken[tuple(space._cells_of(inside)[0].tolist())] = MIXED
             one_taken = make_map(taken, kind, "free")
-            assert certify_chunk(one_taken, ends[0], ends[1:], tracking).proven == 0
-            taken_by_errors += bool(one_taken.motion_is_free(ends[0], ends[1]))
-    assert taken_by_errors > rounds / 3
-
-
-@pytest.mark.parametrize("rounds", few([150, 400]))
-@pytest.mark.parametrize("kind", MAP_KINDS[:4])
-def test_short_tubes_are_not_proven_from_the_first_that_meets_a_taken_cell_on(kind, rounds):
-    """Rows are so near that a box of cells proves several; the cell is in a corner of one tube."""
-    rng = np.random.default_rng(8)
-    stopped_by_tracking = proven_before = 0
-    for _ in range(rounds):
-        cells = np.repeat(full_states(kind, 10)[:1], 36 if "turning" in kind else 1, axis=0)
-        space = make_map(cells, kind, "free")
-        dim, turns = space.dim, space.size - space.dim
-        scales = np.array([rng.choice([0.1, 0.2])] * dim + [rng.choice([0.01, 0.1])] * turns)
-        steps = rng.uniform(-1.0, 1.0, (12, dim + turns)) * scales
-        start = np.array([*rng.uniform(0.8, 1.7, dim), *rng.uniform(-4.0, 4.0, turns)])
-        rows = start + np.cumsum(steps, axis=0)
-        tracking = rng.choice([0.0, 0.1, 0.3], dim + turns)
-        assert certify_chunk(space, start, rows, tracking).is_proven
-        row = int(rng.integers(12))
-        before = rows[row - 1] if row else start
-        inside = before + rng.random() * (rows[row] - before)
-        inside += (1.0 - 1e-9) * tracking * rng.choice([-1.0, 1.0], dim + turns)
-        if not space.grid.contains(inside[:dim]):
-            continue
-        taken = cells.copy()
-        taken[tuple(space._cells_of(inside[np.newaxis])[0].tolist())] = MIXED
-        one_taken = make_map(taken, kind, "free")
-        proven = certify_chunk(one_taken, start, rows, tracking).proven
-        assert proven <= row
-        stopped_by_tracking += proven < certify_chunk(one_taken, start, rows).proven
-        proven_before += proven > 0
-    assert min(stopped_by_tracking, proven_before) > rounds / 30
+            proven = certify_chunk(one_taken, rows[0], rows[1:], tracking).proven
+            assert proven <= row
+            stopped_by_tracking += proven < certify_chunk(one_taken, rows[0], rows[1:]).proven
+            proven_before += proven > 0
+    assert min(stopped_by_tracking, proven_before) > rounds / 5
 
 
 @pytest.mark.parametrize("kind", MAP_KINDS)
@@ -224,14 +164,12 @@ def test_a_tube_in_the_plane_is_proven_exactly_if_no_cell_near_it_is_taken(seed)
 
 @given(seeds, st.sampled_from([0.0, 0.03, 0.1, (0.05, 0.0, 0.2)]))
 @examples(10)
-def test_the_robot_meets_nothing_at_any_instant_within_proven_tubes(seed, tracking):
+def test_the_largest_tracking_is_proven_and_a_larger_one_is_not(seed, tracking):
     space = make_flat(seed % 3, rotations=48)
-    obstacles = obstacles_of(space)
     rng = np.random.default_rng(seed)
     start = space.sample_free(rng=rng)
     rows = start + np.cumsum(rng.normal(0.0, (0.05, 0.05, 0.1), (25, 3)), axis=0)
     chunk = certify_chunk(space, start, rows, tracking)
-    check_instants(space, obstacles, np.vstack([start, rows[: chunk.proven]]), tracking, rng)
     largest = chunk.max_tracking
     if chunk.is_proven:
         assert np.all(np.asarray(largest) >= 0.99 * np.asarray(tracking))
@@ -239,14 +177,6 @@ def test_the_robot_meets_nothing_at_any_instant_within_proven_tubes(seed, tracki
         assert certify_chunk(space, start, rows, largest).is_proven
         more = 1.02 * np.asarray(largest) + 1e-4 * (np.asarray(tracking) > 0.0)
         assert not certify_chunk(space, start, rows, more + 1e-4 * (np.ndim(more) == 0)).is_proven
-        check_instants(space, obstacles, np.vstack([start, rows]), largest, rng)
-
-
-def check_instants(space, obstacles, points, tracking, rng):
-    """Check that shapely finds no contact at instants within tubes through points."""
-    if len(points) == 1:
-        return
-    assert not collides(space, draw_instants(points, tracking, rng, INSTANTS), obstacles).any()
 
 
 # ---- twists --------------------------------------------------------------------------------------
@@ -273,45 +203,6 @@ def test_the_robot_meets_nothing_on_proven_arcs(seed, tracking, scale):
         assert not collides(space, exact + errors * tracking, obstacles).any()
         pose = drive(pose, twists[row], np.array([dt]))[0]
         np.testing.assert_allclose(chunk.rows[row], pose, atol=1e-9)
-
-
-@given(seeds, st.sampled_from([(0.5, 1.0), (2.0, 3.0)]))
-@examples(20)
-def test_a_robot_that_a_gate_slows_down_touches_nothing(seed, deceleration):
-    """An obstacle may be set on its way as long as it can still stop."""
-    space = make_flat(seed % 3, rotations=48)
-    obstacles = obstacles_of(space)
-    rng = np.random.default_rng(seed)
-    gate = cspace.Gate(space, dt=0.1, max_deceleration=deceleration)
-    pose, now = space.sample_free(rng=rng), np.zeros(2)
-    for step in range(60):
-        if step % 10 == 0:
-            wanted = rng.normal((0.5, 0.0), (1.0, 1.0))
-        slowed = gate.slow_down(pose, wanted, twist_now=now)
-        assert slowed.chunk.is_proven or not slowed.share  # the rest of a ramp was proven before
-        now = slowed.commands[0]
-        if slowed.share:
-            np.testing.assert_allclose(now, slowed.share * wanted)
-        steps = np.abs(np.diff(slowed.commands, axis=0, append=[(0.0, 0.0)]))
-        assert (steps <= 0.1 * np.array(deceleration) * (1.0 + 1e-9)).all()
-        exact = drive(pose, now, np.linspace(0.0, 0.1, 10))
-        assert not collides(space, exact, obstacles).any()
-        pose = exact[-1]
-
-
-def test_a_robot_that_a_gate_slows_down_stops_just_before_a_wall(room):
-    gate = cspace.Gate(room, dt=0.05, max_deceleration=(1.0, 2.0))
-    pose, now = np.array(START), np.zeros(2)
-    shares = []
-    for _ in range(100):
-        slowed = gate.slow_down(pose, (0.8, 0.0), twist_now=now)
-        assert slowed.chunk.is_proven
-        shares.append(slowed.share)
-        now = slowed.commands[0]
-        pose[0] += 0.05 * now[0]
-    assert shares[:5] == [1.0] * 5 and not now.any()
-    # The pallet begins at 2.7 m, the robot ends 0.2 m ahead of its middle, and a cell has 0.05 m.
-    assert 2.7 - 0.2 - 4 * 0.05 < pose[0] < 2.7 - 0.2
 
 
 def test_a_gate_brakes_for_an_obstacle_that_comes_too_late(room):
@@ -670,10 +561,6 @@ FLAT = (1.0, 2.5)
     (
         lambda s: cspace.Gate(s, dt=0.1).slow_down(START, (0.1, 0.1)),
         "max_deceleration is missing ... able",
-    ),
-    (
-        lambda s: cspace.Gate(s, max_jerk=1.0),
-        "dt is missing ... speeds",
     ),
     (
         lambda s: cspace.Gate(s, dt=0.1, max_jerk=1.0, max_deceleration=(0.5, 1)),

@@ -114,7 +114,14 @@ def run_drive(choose_slower, space, may_stand, seed):
 )
 def test_drives_touch_nothing_and_go_far_beside_the_fastest_safe_ones(gate, seeds, leaving, share):
     def choose(pose, wanted, now):
-        return gate.slow_down(pose, wanted, twist_now=now, leaving=leaving).commands[0]
+        slowed = gate.slow_down(pose, wanted, twist_now=now, leaving=leaving)
+        # The rest of a ramp was proven before.
+        assert leaving or slowed.chunk.is_proven or not slowed.share
+        if slowed.share:
+            np.testing.assert_allclose(slowed.commands[0], slowed.share * wanted)
+        steps = np.abs(np.diff(slowed.commands, axis=0, append=[(0.0, 0.0)]))
+        assert (steps <= DT * BRAKES * (1.0 + 1e-9)).all()
+        return slowed.commands[0]
 
     def may_stand(pose):
         return gate.check_twists(pose, [(0.0, 0.0)]).state == "go"

@@ -14,6 +14,7 @@ import sys
 import tempfile
 import tracemalloc
 import warnings
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from pkgutil import walk_packages
@@ -48,6 +49,7 @@ import planners  # noqa: E402
 from cspace import Robot, Workspace  # noqa: E402
 from cspace._support import limits  # noqa: E402
 from cspace.arms import PosedShape  # noqa: E402
+from cspace.errors import FileError  # noqa: E402
 from cspace.lanes import RouteGraph  # noqa: E402
 from tests.helpers.handmade import build_empty  # noqa: E402
 
@@ -474,17 +476,29 @@ def read_scene(n, folder):
     return lambda: Workspace.from_moveit_scene(path, spacing=1.0)
 
 
+def read_repeated_key(n, folder):
+    path = folder / f"{n}.json"
+    keys = [*range(n), n - 1]
+    path.write_text("{" + ", ".join(f'"k{k}": 0' for k in keys) + "}")
+
+    def read():
+        with suppress(FileError):
+            Workspace.open(path, spacing=0.1)
+
+    return read
+
+
 # Arms
 
 BALL = "<collision><geometry><sphere radius='0.1'/></geometry></collision>"
 
 
-def write_chain(path, n):
-    """Write a chain of n fixed links without shapes, and a turning ball at its end."""
+def write_chain(path, n, kind="fixed", extra=""):
+    """Write a chain of n links without shapes, all fixed or alike, and a turning ball at its end."""
     links = [f"<link name='link{k}'/>" for k in range(n)] + [f"<link name='link{n}'>{BALL}</link>"]
     limit = "<axis xyz='0 0 1'/><limit lower='-1' upper='1' effort='1' velocity='1'/>"
     joints = [
-        f"<joint name='joint{k}' type='{'fixed' if k < n - 1 else 'revolute'}'>"
+        f"<joint name='joint{k}' type='{kind if k < n - 1 else 'revolute'}'>{extra * (k < n - 1)}"
         f"<parent link='link{k}'/><child link='link{k + 1}'/>{limit}</joint>"
         for k in range(n)
     ]
@@ -494,6 +508,12 @@ def write_chain(path, n):
 def read_fixed_chain(n, folder):
     path = folder / f"{n}.urdf"
     write_chain(path, n)
+    return lambda: cspace.Arm.from_urdf(path)
+
+
+def read_mimicking_chain(n, folder):
+    path = folder / f"{n}.urdf"
+    write_chain(path, n, "continuous", f"<mimic joint='joint{n - 1}' multiplier='0'/>")
     return lambda: cspace.Arm.from_urdf(path)
 
 
@@ -578,6 +598,7 @@ KINDS = {
     "explain among n obstacles": (8, explain_obstacles),
     "export n cells": (16**2, export_map),
     "read an image of n pixels": (300**2, read_image),
+    "read n keys, of which the last stands twice": (64, read_repeated_key),
     "read n polygons": (16, read_polygons),
     "read n points": (256, read_points),
     "read an STL file of n boxes": (8, read_mesh(".stl")),
@@ -587,6 +608,7 @@ KINDS = {
     "read an OctoMap of n voxels": (8192, read_octomap),
     "read a MoveIt scene of n objects": (16, read_scene),
     "read a chain of n links": (64, read_fixed_chain),
+    "read a chain of n mimicking links": (64, read_mimicking_chain),
     "read n allowed pairs": (64, read_allowed_pairs),
     "set up an arm of n triangles": (800, set_up_meshes),
     "set up an arm among n boxes": (8, place_boxes),

@@ -120,15 +120,21 @@ def draw_queries(space: Any, n: int, rng: Rng) -> Floats:
 # ---- answers -------------------------------------------------------------------------------------
 
 
+def run_program(program: Path, *arguments: object) -> list[str]:
+    """Return the lines that a program prints."""
+    command = [str(program), *map(str, arguments)]
+    done = subprocess.run(command, text=True, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
 def answers_of(
     program: Path, map_: Path, queries: Floats, *options: str
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_], Floats]:
     """Return the states of the first configurations, the motions, and clearances, from C++."""
     rows, answers = map_.parent / "queries.bin", map_.parent / "answers.bin"
     rows.write_bytes(np.ascontiguousarray(queries).tobytes())
-    command = [str(program), "query", str(map_), str(rows), str(answers), *options]
-    done = subprocess.run(command, text=True, capture_output=True, check=False)
-    assert done.returncode == 0, done.stderr
+    run_program(program, "query", map_, rows, answers, *options)
     content, n = answers.read_bytes(), len(queries)
     states, motions = np.frombuffer(content[: 2 * n], np.uint8).reshape(2, n)
     return states, motions == 1, np.frombuffer(content[2 * n :])
@@ -155,11 +161,8 @@ def count_prefixes(program: Path, map_: Path, chunks: Floats, tracking: Any) -> 
     """Return the number of proven rows of chunks, shape (b, n, size), or the text of an error."""
     rows = map_.parent / "chunks.bin"
     rows.write_bytes(np.ascontiguousarray(chunks).tobytes())
-    numbers = [repr(float(error)) for error in tracking]
-    command = [str(program), "prefix", str(map_), str(rows), str(chunks.shape[1]), *numbers]
-    done = subprocess.run(command, text=True, capture_output=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()
+    numbers = map(float, tracking)
+    return run_program(program, "prefix", map_, rows, chunks.shape[1], *numbers)
 
 
 def slow_in_cpp(
@@ -172,11 +175,7 @@ def slow_in_cpp(
     """
     file = map_.parent / "twists.bin"
     file.write_bytes(np.ascontiguousarray(rows).tobytes())
-    command = [str(program), "slow", str(map_), str(file), str(int(leaving)), robot]
-    command += map(repr, map(float, numbers))
-    done = subprocess.run(command, text=True, capture_output=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()
+    return run_program(program, "slow", map_, file, int(leaving), robot, *map(float, numbers))
 
 
 class Program:

@@ -77,22 +77,13 @@ PATH = [START, GOAL]
         "path has shape (1, 3) ... (n, 2)",
     ),
     (lambda f: flat().plot(rotation=0.5), "rotation has shape (1,) ... turn"),
-    (lambda f: flat().plot(camera=(30, 40)), "camera is given with view plane ... needs"),
     (
         lambda f: save_plot(flat(), f / "a.xyz"),
         "the suffix says what to write",
     ),
     (
-        lambda f: turning().plot(rotation=[0.0, 1.0]),
-        "rotation has shape (2,) ... given",
-    ),
-    (
         lambda f: spatial().plot(view="3d", camera=(30, 120, 3)),
         "camera is (30, 120, 3) ... (elevation",
-    ),
-    (
-        lambda f: animate(turning(), [(1, 1)], f / "a.gif"),
-        "path has shape (1, 2) ... (n, 3)",
     ),
     (lambda f: animate(flat(), PATH, f / "a.gif", seconds=0), "seconds is 0"),
     (

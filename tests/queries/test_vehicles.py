@@ -41,13 +41,8 @@ def test_a_drive_equals_what_its_text_and_its_copies_make(drive):
     "make, message",
     [
         (lambda: Car(turning_radius=0.0), "turning_radius is 0.0; it must be one number"),
-        (
-            lambda: Car(turning_radius=-1.0),
-            "turning_radius is -1.0; it must be one number",
-        ),
         (lambda: Car(turning_radius=math.inf), "turning_radius is inf"),
         (lambda: Car(turning_radius=math.nan), "turning_radius is nan"),
-        (lambda: Car(turning_radius="1"), "turning_radius is '1'; it must be numeric"),
         (lambda: Car(turning_radius=(1.0, 2.0)), "it must be one number above zero"),
         (lambda: Car(turning_radius=1.0, reverse=1), "reverse is 1; it must be True or"),
         (lambda: Differential(reverse="no"), "reverse is 'no'; it must be True or False"),
@@ -55,7 +50,6 @@ def test_a_drive_equals_what_its_text_and_its_copies_make(drive):
         (lambda: Differential(reverse=True, reverse_cost=21), "costs as much as 1 to 20 ahead"),
         (lambda: Differential(reverse_cost=2.0), "reverse_cost is 2, and reverse is False"),
         (lambda: Car(1.0, reverse=True, switch_cost=-1.0), "switch_cost is -1.0; it must be one"),
-        (lambda: Car(1.0, reverse=True, switch_cost=math.nan), "switch_cost is nan"),
         (lambda: Car(1.0, switch_cost=1.0), "switch_cost is 1, and reverse is False"),
         (
             lambda: Differential(max_lateral_acceleration=0),

@@ -61,7 +61,7 @@ class Definition:
     """
 
     def __init__(self, lows, highs, radii, shape, lower, spacing, b0, b1, first=0):
-        self.lows, self.highs, self.radii = to_integers(lows), to_integers(highs), radii
+        self.lows, self.highs, self.radii = lows, highs, radii
         self.edge = to_integers(EDGE * spacing)
         dims = range(len(shape))
         self.sides = [
@@ -152,6 +152,7 @@ def test_balls_cover_the_cells_within_their_radius(data, dim, spacing, far):
     radii[0] += far * spacing
     grid = Grid(lower, spacing, (5, 4, 3)[:dim])
     outer, inner = Balls(centers, radii).cells(grid)
+    centers = to_integers(centers)
     truth = Definition(centers, centers, to_integers(radii), grid.shape, lower, spacing, 0, 1)
     check(outer, truth.touched(0), truth.touched(1))
     check(inner, truth.inside(1), truth.inside(0))
@@ -167,10 +168,10 @@ def test_rasters_of_rounded_boxes_agree_with_arithmetic(data, spacing, margin, i
     outer, inner = rounded_rasters(boxes, spacing, np.full(count, margin), np.zeros(count))
     reach = 5 + int(margin / spacing)
     frame = ((2 * reach + 1,) * 3, (0.0,) * 3, spacing)
-    grown = to_integers(radii) + to_integers(margin)
-    truth = Definition(*corners, grown, *frame, -1, 1, -reach)
+    corners, radii = to_integers(corners), to_integers(radii)
+    truth = Definition(*corners, radii + to_integers(margin), *frame, -1, 1, -reach)
     check(spread(outer, reach), truth.touched(0), truth.touched(1))
-    truth = Definition(*corners, to_integers(radii), *frame, 0, 0, -reach)
+    truth = Definition(*corners, radii, *frame, 0, 0, -reach)
     check(spread(inner, reach), truth.inside(1), truth.inside(0))
 
 
@@ -196,17 +197,14 @@ def test_voxels_agree_with_arithmetic(data, seed, spacing, margin, ratio, densit
     frame = ((2 * reach + 1,) * 3, (0.0,) * 3, spacing)
     cells = np.argwhere(occupied).astype(object)
     lows, highs = (to_integers(lower) + to_integers(voxel) * (cells + b) for b in (0, 1))
-    truth = Definition([], [], np.array([to_integers(margin)] * len(cells)), *frame, -1, 1, -reach)
-    truth.lows, truth.highs = lows, highs
+    zeros = np.zeros(len(cells), dtype=object)
+    truth = Definition(lows, highs, zeros + to_integers(margin), *frame, -1, 1, -reach)
     check(spread(outer, reach), truth.touched(0), truth.touched(1))
-    truth = Definition([], [], np.array([0] * len(cells), dtype=object), *frame, 0, 0, -reach)
-    truth.lows, truth.highs = lows, highs
+    truth = Definition(lows, highs, zeros, *frame, 0, 0, -reach)
     check(spread(inner, reach), truth.covered(1), truth.inside(0))
     grid = Grid((-1.5 * spacing,) * 3, spacing, (7, 6, 8))
     outer, inner = voxels.cells(grid)
-    zeros = np.zeros(len(cells), dtype=object)
-    truth = Definition([], [], zeros, grid.shape, grid.lower, spacing, 0, 1)
-    truth.lows, truth.highs = lows, highs
+    truth = Definition(lows, highs, zeros, grid.shape, grid.lower, spacing, 0, 1)
     check(outer, truth.touched(0), truth.touched(1))
     check(inner, truth.covered(1), truth.covered(0))
 

@@ -33,23 +33,6 @@ from tests.helpers.updates import (
 
 
 @pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
-@examples(15)
-@given(worlds(), st.booleans())
-def test_a_stream_of_updates_equals_a_rebuild(world, queried):
-    space = world.build()
-    if queried:  # queries fill all caches, which updates must refresh
-        check(space, world.build(), world)
-    for _ in range(4):
-        before = space.cell_states.copy()
-        cells, lower, inner = world.patch()
-        update = space.update(cells, lower, inner=inner)
-        check(space, world.build(), world)
-        changed = np.argwhere(space.cell_states != before)[:, -len(lower) :]
-        assert update.changed == len(changed)
-        assert (changed >= update.lower).all() and (changed < update.upper).all()
-
-
-@pytest.mark.filterwarnings("ignore::cspace.UnitWarning")  # robots may be larger than the map
 @examples(30)
 @given(worlds(), st.booleans(), st.sampled_from([0, update.CELLS_PER_BOX]))
 def test_a_map_that_follows_a_workspace_equals_a_rebuild(world, named, cost_per_box):

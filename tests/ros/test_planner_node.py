@@ -308,25 +308,6 @@ def test_without_a_path_the_barrier_is_shown(client):
     client.send(make_room())
 
 
-def test_obstacles_move_while_it_plans(client):
-    try:
-        sent = [make_room()]
-        for step in range(20):
-            cells = make_room()
-            cells[20 + 2 * step : 28 + 2 * step, 30:38] = 100
-            sent.append(cells)
-            client.maps.publish(make_grid(cells))
-            time.sleep(0.1)
-            rows = client.plan()
-            assert len(rows) > 1
-            # On a busy machine, the node may not have read the last maps yet.
-            assert any(build(each).certify_path(rows).all() for each in reversed(sent))
-        client.send(cells)
-        assert_free(client.plan(), cells)
-    finally:
-        client.send(make_room())
-
-
 def spoil_maps():
     """Yield maps that are none."""
     for name, value in (("resolution", math.nan), ("resolution", 0.0), ("width", 0), ("width", 7)):

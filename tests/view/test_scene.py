@@ -61,26 +61,18 @@ def test_rectangles_cover_the_border_once(seed, share, has_boundary):
 
 @pytest.mark.parametrize("cut", [0.6, 1.75, 4.5, 9.0])
 def test_solids_end_at_the_cut(cut):
-    occupied = fill_boxes((12, 10, 8), np.s_[:, :, 0], np.s_[3, 4:6, :])
-    workspace = cspace.Workspace.from_array(occupied, 0.5, lower=(-1.0, 2.0, 0.5))
-    room = cspace.build(workspace, cspace.Robot.ball(0.4))
-    mesh = trimesh.Trimesh(*Cells(room, 1.0).make_solid(None, KINDS["obstacles"], cut))
-    assert mesh.bounds[1, 2] == pytest.approx(min(cut, 4.5))
-    heights = np.clip((cut - 0.5) / 0.5 - np.arange(8), 0.0, 1.0)
-    assert mesh.volume == pytest.approx(0.5**3 * (occupied * heights).sum())
-
-
-def test_obstacles_of_a_robot_on_a_floor_are_those_in_space():
+    """Obstacles of a robot on a floor are those in space, and its states are walls on the floor."""
     occupied = fill_boxes((12, 10, 8), np.s_[:, :, 0], np.s_[3, 4:6, :], np.s_[8, :, 6:])
     workspace = cspace.Workspace.from_array(occupied, 0.5, lower=(-1.0, 2.0, 0.5))
-    robot = cspace.Robot.box((0.4, 0.4, 0.6))
-    cells = Cells(cspace.build(workspace, robot, floor=1.4), 0.2)
-    for cut in (1.75, 9.0):
+    ball = Cells(cspace.build(workspace, cspace.Robot.ball(0.4)), 1.0)
+    box = cspace.Robot.box((0.4, 0.4, 0.6))
+    on_floor = Cells(cspace.build(workspace, box, floor=1.4), 0.2)
+    heights = np.clip((cut - 0.5) / 0.5 - np.arange(8), 0.0, 1.0)
+    for cells in (ball, on_floor):
         mesh = trimesh.Trimesh(*cells.make_solid(None, KINDS["obstacles"], cut))
-        heights = np.clip((cut - 0.5) / 0.5 - np.arange(8), 0.0, 1.0)
+        assert mesh.bounds[1, 2] == pytest.approx(min(cut, 4.5))
         assert mesh.volume == pytest.approx(0.5**3 * (occupied * heights).sum())
-    # States are walls on the floor.
-    walls, _ = cells.make_solid(0, KINDS["border"], 9.0)
+    walls, _ = on_floor.make_solid(0, KINDS["border"], 9.0)
     assert np.ptp(walls, axis=0)[2] == pytest.approx(0.2)
     assert walls[:, 2].min() == pytest.approx(1.4)
 

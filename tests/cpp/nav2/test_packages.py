@@ -14,6 +14,7 @@ from tests.helpers.nav2 import list_needs
 from tests.helpers.repository import ROOT
 
 CPP, PYTHON = ROOT / "ros/cspace_nav2", ROOT / "ros/cspace_nav2_py"
+PARAMS = yaml.safe_load((CPP / "params/navigation.yaml").read_text())
 
 
 def test_the_cpp_package_names_what_cmake_finds():
@@ -46,11 +47,10 @@ def test_each_folder_that_the_launch_file_reads_is_installed():
 
 
 def test_each_parameter_of_the_params_file_is_declared():
-    params = yaml.safe_load((CPP / "params/navigation.yaml").read_text())
     maker = (CPP / "include/cspace_nav2/map_maker.hpp").read_text()
     for own, file in (
-        (params["planner_server"]["ros__parameters"]["GridBased"], "src/planner.cpp"),
-        (params["cspace_gate"]["ros__parameters"], "src/gate_node.cpp"),
+        (PARAMS["planner_server"]["ros__parameters"]["GridBased"], "src/planner.cpp"),
+        (PARAMS["cspace_gate"]["ros__parameters"], "src/gate_node.cpp"),
     ):
         text = (CPP / file).read_text() + maker
         assert set(own) <= set(re.findall(r'parameters\.\w+\("(\w+)"', text)) | {"plugin"}
@@ -61,7 +61,7 @@ def test_each_parameter_of_the_params_file_is_declared():
         if isinstance(each, ast.Assign) and ast.unparse(each.targets[0]) == "PARAMETERS"
     )
     names = {key.value for key in table.keys}
-    assert set(params["cspace_planner"]["ros__parameters"]) <= names
+    assert set(PARAMS["cspace_planner"]["ros__parameters"]) <= names
     own = yaml.safe_load((PYTHON / "params.yaml").read_text())
     assert set(own["cspace_planner"]["ros__parameters"]) <= names
 
@@ -182,17 +182,17 @@ def test_commands_reach_the_simulated_robot_through_the_gate_alone(launch):
     assert heard["cmd_vel_nav"] == {"velocity_smoother"}
 
 
-def test_each_costmap_of_the_params_file_forgets_what_has_gone():
-    params = yaml.safe_load((CPP / "params/navigation.yaml").read_text())
+def test_each_costmap_forgets_what_has_gone_and_marks_what_is_above_the_floor():
     for name in ("global_costmap", "local_costmap"):
-        layer = params[name][name]["ros__parameters"]["obstacle_layer"]
+        layer = PARAMS[name][name]["ros__parameters"]["obstacle_layer"]
         assert all(layer[source]["clearing"] for source in layer["observation_sources"].split())
+        # Nav2's default is 0 m, in the costmap's frame.
+        assert layer["scan"]["max_obstacle_height"] >= 0.5
 
 
 def test_the_params_file_asks_for_no_more_than_the_gate_allows():
-    params = yaml.safe_load((CPP / "params/navigation.yaml").read_text())
     gate, smoother, controller = (
-        params[name]["ros__parameters"]
+        PARAMS[name]["ros__parameters"]
         for name in ("cspace_gate", "velocity_smoother", "controller_server")
     )
     for name, limit in (("max_velocity", "max_velocity"), ("max_deceleration", "max_decel")):
@@ -201,14 +201,6 @@ def test_the_params_file_asks_for_no_more_than_the_gate_allows():
     follow = controller["FollowPath"]
     assert follow["desired_linear_vel"] <= smoother["max_velocity"][0]
     assert follow["rotate_to_heading_angular_vel"] <= smoother["max_velocity"][2]
-
-
-def test_costmaps_mark_what_is_above_the_floor():
-    params = yaml.safe_load((CPP / "params/navigation.yaml").read_text())
-    for name in ("global_costmap", "local_costmap"):
-        layer = params[name][name]["ros__parameters"]["obstacle_layer"]
-        # Nav2's default is 0 m, in the costmap's frame.
-        assert layer["scan"]["max_obstacle_height"] >= 0.5
 
 
 NODES = {
