@@ -142,8 +142,9 @@ class Lattice {
     const Drive& drive = surroundings_.drive();
     Guide guide(blocks_, surroundings_, start, goal, is_over_);
     std::vector<Configuration> path;
+    const int finest = drive.is_holonomic ? 0 : FINEST;
     for (const bool backs_out : {false, true})
-      for (int level = COARSEST; level >= FINEST && path.empty() && !is_over_(); --level)
+      for (int level = COARSEST; level >= finest && path.empty() && !is_over_(); --level)
         if (!backs_out || drive.is_car || !(drive.reverses || drive.is_holonomic))
           path = search(start, goal, guide, level, std::numeric_limits<double>::infinity(), backs_out);
     shorten(path);
