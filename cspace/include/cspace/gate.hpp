@@ -355,6 +355,26 @@ class Gate {
     margin_ = map_->margin() + std::hypot(o.tracking[0], o.tracking[1]) + size_ * std::min(o.tracking[2], 2.0);
   }
 
+  /// Check a part of a robot.
+  /// @throws InputError  if it is neither a point nor a convex polygon, counterclockwise, grown by a radius
+  static void check_core(const Core& core) {
+    const std::size_t count = core.corners.size();
+    bool is_valid = (count == 1 || count > 2) && std::isfinite(core.radius) && core.radius >= 0.0;
+    double turned = 0.0;
+    for (std::size_t k = 0; k < count; ++k) {
+      const Point &a = core.corners[k], &b = core.corners[(k + 1) % count], &c = core.corners[(k + 2) % count];
+      is_valid = is_valid && std::isfinite(a.x + a.y);
+      if (count < 3) continue;
+      const Point ab{b.x - a.x, b.y - a.y}, bc{c.x - b.x, c.y - b.y};
+      const double cross = ab.x * bc.y - ab.y * bc.x, dot = ab.x * bc.x + ab.y * bc.y;
+      is_valid = is_valid && std::hypot(ab.x, ab.y) > 0.0 && cross >= -1e-9 * std::hypot(ab.x, ab.y) * std::hypot(bc.x, bc.y);
+      turned += std::atan2(cross, dot);
+    }
+    // Corners of a star turn twice.
+    if (!is_valid || (count > 2 && !(std::abs(turned - detail::TWO_PI) < 1e-6)))
+      throw InputError("cspace: a part has one corner, or those of a convex polygon, counterclockwise, once each");
+  }
+
   /// Return the largest distance from the robot, metres, below which a point is near.
   double margin() const { return margin_ + options_.point_radius; }
 
@@ -458,24 +478,6 @@ class Gate {
   struct Reach {
     double free, points, cells;
   };
-
-  static void check_core(const Core& core) {
-    const std::size_t count = core.corners.size();
-    bool is_valid = (count == 1 || count > 2) && std::isfinite(core.radius) && core.radius >= 0.0;
-    double turned = 0.0;
-    for (std::size_t k = 0; k < count; ++k) {
-      const Point &a = core.corners[k], &b = core.corners[(k + 1) % count], &c = core.corners[(k + 2) % count];
-      is_valid = is_valid && std::isfinite(a.x + a.y);
-      if (count < 3) continue;
-      const Point ab{b.x - a.x, b.y - a.y}, bc{c.x - b.x, c.y - b.y};
-      const double cross = ab.x * bc.y - ab.y * bc.x, dot = ab.x * bc.x + ab.y * bc.y;
-      is_valid = is_valid && std::hypot(ab.x, ab.y) > 0.0 && cross >= -1e-9 * std::hypot(ab.x, ab.y) * std::hypot(bc.x, bc.y);
-      turned += std::atan2(cross, dot);
-    }
-    // Corners of a star turn twice.
-    if (!is_valid || (count > 2 && !(std::abs(turned - detail::TWO_PI) < 1e-6)))
-      throw InputError("cspace: a part has one corner, or those of a convex polygon, counterclockwise, once each");
-  }
 
   /// Return the speed that a command loses against that of now; 0 if none.
   static double find_loss(double now, double first) {

@@ -1,4 +1,4 @@
-"""Start Nav2's servers of maps and plans with the planner of cspace; if asked the gate, a node, a simulated robot."""
+"""Start Nav2's servers of maps and plans with the planner of cspace; if asked what drives, the gate, a node, a simulator."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import yaml
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, OrSubstitution, PathJoinSubstitution
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
@@ -18,9 +18,15 @@ ARGUMENTS = [
     ("map", "", "The yaml file of the map."),
     ("params_file", PARAMETERS, "Parameters of all nodes."),
     ("builder", "cspace", "The command that builds maps, in the environment of the library."),
-    ("gate", "false", "true starts the gate, between cmd_vel_smoothed and cmd_vel."),
+    (
+        "navigate",
+        "false",
+        "true starts what drives a robot: controller to smoother, then the gate.",
+    ),
+    ("gate", "false", "true starts the gate, between gate_input and cmd_vel."),
+    ("gate_input", "cmd_vel_smoothed", "Commands of whatever is last before the gate."),
     ("node", "false", "true starts the planner node in Python, on the costmap."),
-    ("use_simulator", "false", "true starts Nav2's loopback simulator, the gate and what drives."),
+    ("use_simulator", "false", "true starts Nav2's loopback simulator, and what drives it."),
     ("use_sim_time", "false", "true for a simulator's clock."),
 ]
 
@@ -52,7 +58,9 @@ def start_nodes(context):
     """Return the nodes, once the arguments are known."""
     argument = {name: LaunchConfiguration(name) for name, _, _ in ARGUMENTS}
     common = [argument["params_file"], {"use_sim_time": argument["use_sim_time"]}]
-    has_gate = IfCondition(OrSubstitution(argument["gate"], argument["use_simulator"]))
+
+    def is_on(name):
+        return IfCondition(argument[name]).evaluate(context)
 
     def start(package, executable, name, own=None, robot=None, **options):
         options = {"output": "screen", **options}
@@ -68,32 +76,29 @@ def start_nodes(context):
 
     gate_robot, node_robot = read_robot(argument["params_file"].perform(context))
     builder = argument["builder"]
+    is_simulated = is_on("use_simulator")
+    drives = is_simulated or is_on("navigate")
     nodes = [
         start("nav2_map_server", "map_server", "map_server", {"yaml_filename": argument["map"]}),
         # Without a name, which would also name the costmap's node in this process.
         start("nav2_planner", "planner_server", None, {"GridBased.builder": builder}),
         # For itself, as the simulator asks once for the map.
         manage("lifecycle_manager_map_server", ["map_server"]),
-        start(
-            "cspace_nav2",
-            "gate_node",
-            "cspace_gate",
-            {"builder": builder},
-            gate_robot,
-            condition=has_gate,
-        ),
-        # The gate has no bond with its manager.
-        manage("lifecycle_manager_gate", ["cspace_gate"], bond=0.0, condition=has_gate),
-        start(
-            "cspace_nav2_py",
-            "planner_node",
-            "cspace_planner",
-            robot=node_robot,
-            remappings=[("map", "/global_costmap/costmap")],
-            condition=IfCondition(argument["node"]),
-        ),
     ]
-    if not IfCondition(argument["use_simulator"]).evaluate(context):
+    if drives or is_on("gate"):
+        hears = {"remappings": [("cmd_vel_smoothed", argument["gate_input"])]}
+        own = {"builder": builder}
+        nodes += [
+            start("cspace_nav2", "gate_node", "cspace_gate", own, gate_robot, **hears),
+            # The gate has no bond with its manager.
+            manage("lifecycle_manager_gate", ["cspace_gate"], bond=0.0),
+        ]
+    if is_on("node"):
+        hears = {"remappings": [("map", "/global_costmap/costmap")]}
+        nodes.append(
+            start("cspace_nav2_py", "planner_node", "cspace_planner", robot=node_robot, **hears)
+        )
+    if not drives:
         return [*nodes, manage("lifecycle_manager_navigation", ["planner_server"])]
     # As in nav2_bringup, with the gate as its collision_monitor.
     to_smoother = {"remappings": [("cmd_vel", "cmd_vel_nav")]}
@@ -107,15 +112,14 @@ def start_nodes(context):
             "bt_navigator",
             {"default_nav_to_pose_bt_xml": TREE},
         ),
-        start("nav2_loopback_sim", "loopback_simulator", "loopback_simulator"),
-        # The gate takes no laser in the plane of the floor.
-        start(
-            "tf2_ros",
-            "static_transform_publisher",
-            "laser",
-            arguments=["--z", "0.2", "--frame-id", "base_link", "--child-frame-id", "base_scan"],
-        ),
     ]
+    if is_simulated:
+        # The gate takes no laser in the plane of the floor.
+        place = ["--z", "0.2", "--frame-id", "base_link", "--child-frame-id", "base_scan"]
+        drivers += [
+            start("nav2_loopback_sim", "loopback_simulator", "loopback_simulator"),
+            start("tf2_ros", "static_transform_publisher", "laser", arguments=place),
+        ]
     # bt_navigator comes last, because its tree asks for the actions of the others.
     managed = [
         "controller_server",

@@ -5,6 +5,7 @@
 //   ros2 lifecycle set /cspace_gate configure; ros2 lifecycle set /cspace_gate activate
 #include <chrono>
 #include <csignal>
+#include <set>
 #include <thread>
 
 #include <geometry_msgs/msg/twist_stamped.hpp>
@@ -32,7 +33,7 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
  public:
   GateNode() : LifecycleNode("cspace_gate") {}
 
-  CallbackReturn on_configure(const rclcpp_lifecycle::State&) override {
+  CallbackReturn on_configure(const rclcpp_lifecycle::State& state) override {
     try {
       read_parameters();
       watch_ = std::make_unique<Watch>([this] { return find_ground(); }, options_);
@@ -40,6 +41,7 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
       listener_ = std::make_unique<tf2_ros::TransformListener>(*buffer_);
     } catch (const std::exception& error) {
       RCLCPP_ERROR(get_logger(), "%s", error.what());
+      on_cleanup(state);
       return CallbackReturn::FAILURE;
     }
     return CallbackReturn::SUCCESS;
@@ -83,6 +85,7 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
     watch_.reset();
     maker_.reset();
     map_.reset();
+    lock_.reset();
     return CallbackReturn::SUCCESS;
   }
 
@@ -120,14 +123,8 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
     for (const std::string& part : footprint_) read_part(part);  // the map may come later
     const std::vector<double> brakes =
         parameters.numbers("max_deceleration", {1.0, 2.0}, 0.001, 1000.0, "what the brakes reach, m/s^2 and rad/s^2");
-    const std::vector<double> tracking = parameters.numbers("tracking", {0.02, 0.02, 0.02}, 0.0, 10.0,
-                                                            "how far the robot may stray: x and y, metres, and yaw, radians");
-    const std::vector<double> speeds =
-        parameters.numbers("max_velocity", {1.0, 2.0}, 0.001, 1000.0, "commands beyond it are refused, m/s and rad/s");
-    options_.max_velocity = {speeds[0], speeds[1]};
     gate_options_.max_deceleration = {brakes[0], brakes[1]};
-    gate_options_.tracking = {tracking[0], tracking[1], tracking[2]};
-    gate_options_.point_radius = parameters.number("point_radius", 0.03, 0.0, 1.0, "what is around each point, metres");
+    read_live_parameters();
     options_.max_age =
         parameters.number("max_age", 0.3, 0.01, 5.0, "seconds after which a command, scan, pose or cycle is too old");
     options_.max_jump =
@@ -145,14 +142,18 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
     is_stamped_ = parameters.flag("stamped", false, "whether commands are TwistStamped");
     is_holonomic_ = parameters.flag("holonomic", false, "whether the robot also drives sideways, by linear.y of a command");
     options_.leaving = parameters.flag("leaving", true, "whether the robot may also leave what it is too near to");
-    options_.leaving_speed =
-        parameters.number("leaving_speed", 0.1, 0.001, 10.0, "of any point of a robot that leaves what it is too near to, m/s");
     options_.sources = scans_;
     options_.sources.insert(options_.sources.end(), clouds_.begin(), clouds_.end());
+    std::set<std::string> topics;
+    for (const std::string& name : options_.sources)
+      if (!topics.insert(get_node_topics_interface()->resolve_topic_name(name)).second)
+        throw std::invalid_argument("the parameters 'scans' and 'clouds' name '" + name + "' twice; each sensor has a topic");
     if (options_.max_age < gate_options_.dt) throw std::invalid_argument("the parameter 'max_age' is below 'period'");
     if (!(options_.min_height < options_.max_height))
       throw std::invalid_argument("the parameter 'min_height' must be below 'max_height'");
     if (options_.sources.empty()) throw std::invalid_argument("the parameters 'scans' and 'clouds' name no topic");
+    if (!robot.empty()) check_shape(robot);
+    lock_ = parameters.lock();
     if (!map.empty()) {
       take_map(std::make_shared<const cspace::Map>(cspace::Map::open(map)));
       return;
@@ -163,12 +164,30 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
     maker_ = follow_topic(*this, recipe, "map");
   }
 
+  /// Read what may change while the robot drives; return true if that needs a new gate.
+  bool read_live_parameters() {
+    Parameters<GateNode> parameters(*this);
+    const std::vector<double> speeds =
+        parameters.numbers("max_velocity", {1.0, 2.0}, 0.001, 1000.0, "commands beyond it are refused, m/s and rad/s");
+    const double leaving_speed =
+        parameters.number("leaving_speed", 0.1, 0.001, 10.0, "of any point of a robot that leaves what it is too near to, m/s");
+    const std::vector<double> tracking = parameters.numbers("tracking", {0.02, 0.02, 0.02}, 0.0, 10.0,
+                                                            "how far the robot may stray: x and y, metres, and yaw, radians");
+    const double point_radius = parameters.number("point_radius", 0.03, 0.0, 1.0, "what is around each point, metres");
+    const cspace::GateOptions before = gate_options_;
+    options_.max_velocity = {speeds[0], speeds[1]};
+    options_.leaving_speed = leaving_speed;
+    gate_options_.tracking = {tracking[0], tracking[1], tracking[2]};
+    gate_options_.point_radius = point_radius;
+    return before.tracking != gate_options_.tracking || before.point_radius != point_radius;
+  }
+
   /// Return the gate on the newest map.
   /// @throws std::exception  that says why there is none
   Ground find_ground() {
-    if (!maker_) return {gate_};
-    const KnownMap known = maker_->known_map();
-    if (known.map != map_) take_map(known.map);
+    const KnownMap known = maker_ ? maker_->known_map() : KnownMap{map_, nullptr};
+    if (read_live_parameters() || known.map != map_) take_map(known.map);
+    watch_->set_options(options_);
     return {gate_, known.changed};
   }
 
@@ -258,6 +277,7 @@ class GateNode : public rclcpp_lifecycle::LifecycleNode {
   std::vector<std::string> footprint_, scans_, clouds_;
   bool is_stamped_ = false, is_holonomic_ = false;
   std::shared_ptr<MapMaker> maker_;  ///< without one, the map is that of a folder
+  std::shared_ptr<void> lock_;       ///< of all other parameters, while it is configured
   std::shared_ptr<const cspace::Map> map_;
   std::shared_ptr<const cspace::Gate> gate_;
   std::string reason_;

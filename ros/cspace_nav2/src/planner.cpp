@@ -74,30 +74,30 @@ void CspacePlanner::configure(const Node::WeakPtr& parent, std::string name, std
                               std::shared_ptr<nav2_costmap_2d::Costmap2DROS> costmap_ros) {
   const auto node = parent.lock();
   if (!node) throw nav2_core::PlannerException("cspace_nav2: the node is gone");
+  parent_ = parent;
+  name_ = name;
   costmap_ros_ = costmap_ros;
   clock_ = node->get_clock();
   logger_ = std::make_unique<const rclcpp::Logger>(node->get_logger());
   try {
-    read_parameters(*node, name);
+    read_parameters(*node);
   } catch (const std::exception& error) {
+    cleanup();
     RCLCPP_ERROR(*logger_, "%s: %s", name.c_str(), error.what());
     throw nav2_core::PlannerException(name + ": " + error.what());
   }
 }
 
-void CspacePlanner::read_parameters(Node& node, const std::string& name) {
-  Parameters<Node> parameters(node, name + ".");
+void CspacePlanner::read_parameters(Node& node) {
+  Parameters<Node> parameters(node, name_ + ".");
   const std::string drive = parameters.word("drive", "how the robot moves", {DRIVES.begin(), DRIVES.end()});
   const double radius = parameters.number("turning_radius", 0.0, 0.0, 1000.0, "least turning radius of a car, metres");
-  time_limit_ = parameters.number("time_limit", 5.0, 0.001, 3600.0, "seconds of a request, of 250,000 steps of the search each");
-  rules_.step = parameters.number("step", 0.05, 0.001, 10.0, "metres that a point of the robot moves between two poses");
-  rules_.cost_penalty = parameters.number("cost_penalty", 2.0, 0.0, 100.0, "weight of the costmap's costs, as SMAC's");
-  tolerance_ = parameters.number("tolerance", 0.25, 0.0, 100.0, "metres to a free place if the goal is not free");
-  start_tolerance_ = parameters.number("start_tolerance", 0.1, 0.0, 0.5, "metres to a free place if the start is not free");
   rules_.allow_unknown = parameters.flag("allow_unknown", false, "whether the robot may drive through unknown cells");
   const std::string folder = parameters.text("map", "", "folder of a map that space.save wrote; empty: made of map_topic");
   Recipe recipe = read_recipe(parameters);
+  read_live_parameters(node);
   drive_ = std::make_unique<const Drive>(drive, radius);
+  lock_ = parameters.lock();
   if (!folder.empty()) {
     map_ = open_plane_map(folder);
     if (map_->size() == 2 && !drive_->is_holonomic)
@@ -109,10 +109,20 @@ void CspacePlanner::read_parameters(Node& node, const std::string& name) {
   recipe.frame = costmap_ros_->getGlobalFrameID();
   recipe.unknown_is_free = rules_.allow_unknown;
   recipe.robot = [costmap_ros = costmap_ros_] { return describe_robot(*costmap_ros); };
-  maker_ = follow_topic(node, recipe, name);
+  maker_ = follow_topic(node, recipe, name_);
+}
+
+void CspacePlanner::read_live_parameters(Node& node) {
+  Parameters<Node> parameters(node, name_ + ".");
+  time_limit_ = parameters.number("time_limit", 5.0, 0.001, 3600.0, "seconds of a request, of 250,000 steps of the search each");
+  rules_.step = parameters.number("step", 0.05, 0.001, 10.0, "metres that a point of the robot moves between two poses");
+  rules_.cost_penalty = parameters.number("cost_penalty", 2.0, 0.0, 100.0, "weight of the costmap's costs, as SMAC's");
+  tolerance_ = parameters.number("tolerance", 0.25, 0.0, 100.0, "metres to a free place if the goal is not free");
+  start_tolerance_ = parameters.number("start_tolerance", 0.1, 0.0, 0.5, "metres to a free place if the start is not free");
 }
 
 void CspacePlanner::cleanup() {
+  lock_.reset();
   maker_.reset();
   blocks_.reset();
   map_.reset();
@@ -138,6 +148,7 @@ void CspacePlanner::update_map() {
 nav_msgs::msg::Path CspacePlanner::plan(const Pose& start, const std::vector<Pose>& viapoints, const Pose& goal,
                                         const std::function<bool()>& cancel_checker) {
   update_map();
+  if (const auto node = parent_.lock()) read_live_parameters(*node);
   const std::string frame = costmap_ros_->getGlobalFrameID();
   const auto read_stop = [&](const Pose& pose, const std::string& stop) {
     if (pose.header.frame_id != frame) {

@@ -4,7 +4,7 @@
 //   set NAME VALUE             a parameter, for the next configure
 //   frame NAME                 the frame of the poses that follow
 //   seconds N                  the time of the node's clock
-//   writable                   the parameters that may be set while the node runs
+//   param NAME VALUE           sets a parameter while the node runs; prints why it is refused, or ""
 //   footprint X Y              half the sides of the rectangle that the costmap has as its footprint
 //   round                      the costmap's robot is a disc
 //   grid FRAME COLUMNS ROWS SIDE X Y FILE  a message of the map's topic, with cells of 0, 1 and 2 for free, occupied, unknown
@@ -16,6 +16,7 @@
 //
 // A pose is x, y and its quaternion x, y, z, w.
 #include <fstream>
+#include <future>
 #include <iomanip>
 #include <iostream>
 
@@ -64,16 +65,28 @@ void write_error(const std::exception& error, std::size_t calls = 0) {
             << "}\n";
 }
 
-void plan(nav2_core::GlobalPlanner& planner, const std::vector<Pose>& stops) {
+/// Return true if another thread cannot lock a costmap.
+bool is_locked(nav2_costmap_2d::Costmap2D& costmap) {
+  return std::async(std::launch::async, [&] {
+           const std::unique_lock<nav2_costmap_2d::Costmap2D::mutex_t> lock(*costmap.getMutex(), std::try_to_lock);
+           return !lock.owns_lock();
+         }).get();
+}
+
+void plan(nav2_core::GlobalPlanner& planner, const std::vector<Pose>& stops, nav2_costmap_2d::Costmap2D& costmap) {
   std::size_t calls = 0;
-  const std::function<bool()> cancel_checker = [&] { return ++calls >= cancelled_call; };
+  bool was_locked = false;
+  const std::function<bool()> cancel_checker = [&] {
+    was_locked = was_locked || (calls == 0 && is_locked(costmap));
+    return ++calls >= cancelled_call;
+  };
   try {
 #ifdef CSPACE_NAV2_HAS_VIAPOINTS
     const auto path = planner.createPlan(stops.front(), stops.back(), {stops.begin() + 1, stops.end() - 1}, cancel_checker);
 #else
     const auto path = planner.createPlan(stops.front(), stops.back(), cancel_checker);
 #endif
-    std::cout << "{\"code\": 0, \"calls\": " << calls << ", \"stamps\": [" << path.header.stamp.sec << ", "
+    std::cout << "{\"code\": 0, \"locked\": " << was_locked << ", \"calls\": " << calls << ", \"stamps\": [" << path.header.stamp.sec << ", "
               << path.poses.back().header.stamp.sec << "], \"path\": [";
     for (const Pose& pose : path.poses)
       std::cout << (&pose == &path.poses.front() ? "" : ", ") << "[" << pose.pose.position.x << ", "
@@ -130,10 +143,10 @@ int main() {
       line >> rclcpp::stub_nanoseconds();
       rclcpp::stub_nanoseconds() *= 1000000000;
     }
-    if (command == "writable") {
-      std::cout << "[";
-      for (const std::string& parameter : rclcpp::Node::stub_writable()) std::cout << std::quoted(parameter) << ",";
-      std::cout << "0]\n";
+    if (command == "param") {
+      std::string value;
+      line >> name >> value;
+      std::cout << std::quoted(node->stub_set(name, value)) << "\n";
     }
     if (command == "cancel") line >> cancelled_call;
     if (command == "footprint") {
@@ -162,6 +175,6 @@ int main() {
       }
     }
     if (command == "cleanup") planner->cleanup();
-    if (command == "plan") plan(*planner, read_poses(line));
+    if (command == "plan") plan(*planner, read_poses(line), costmap);
   }
 }

@@ -3,6 +3,7 @@
 //   set NAME VALUE        a parameter, before the node starts; items of a list are separated by "|"
 //   start                 starts it
 //   configure, activate, deactivate, cleanup, shutdown   print "success" or "failure"
+//   param NAME VALUE      sets a parameter while the node runs; prints why it is refused, and "."
 //   rules                 prints each parameter, its range and its description
 //   place X Y             of the robot in the map
 //   command V OMEGA       or "stamped V OMEGA AGE", seconds, or "sideways SIDE V"
@@ -134,6 +135,12 @@ void stub_spin_once(LifecycleNode& node) {
     std::cout << (done == LifecycleNode::CallbackReturn::SUCCESS ? "success" : "failure") << std::endl;
   }
   if (command == "rules") print_rules();
+  if (command == "param") {
+    std::string name, value;
+    std::getline(line >> name >> std::ws, value);
+    std::replace(value.begin(), value.end(), '|', '\n');
+    std::cout << node.stub_set(name, value) << "." << std::endl;
+  }
   if (command == "place") line >> tf2_ros::Buffer::stub_place().x >> tf2_ros::Buffer::stub_place().y;
   if (command == "rival") {
     rclcpp::Node::stub_publishers().clear();

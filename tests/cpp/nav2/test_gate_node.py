@@ -159,6 +159,33 @@ def test_the_largest_velocity_is_a_parameter(start):
     for command, passes in (("0.55 0", False), ("0 1.1", False), ("0.5 0", True)):
         node.cycle(f"command {command}")
         assert any(node.cycle(f"command {command}")) == passes
+    assert node.ask("param max_velocity 0.6|1.0") == "."
+    node.cycle()
+    assert any(node.cycle("command 0.6 0"))
+
+
+def test_it_is_configured_after_a_refused_parameter_was_set(start):
+    node = start(robot="nonsense")
+    assert node.ask("configure") == "failure" and node.ask("param robot disc:0.3") == "."
+    assert node.ask("configure") == "success"
+    assert "'robot' is read when the node is configured" in node.ask("param robot disc:0.2")
+
+
+@pytest.mark.parametrize(
+    "value, reason",
+    [
+        ("1.8|1.8|0.02", ""),
+        ("0.1", "'tracking' has 1 numbers"),
+        ("-1|0|0", "'tracking' is -1"),
+    ],
+)
+def test_margins_may_change_while_it_drives(node, value, reason):
+    assert node.ask(f"param tracking {value}") == "."
+    assert node.cycle() == (0.55, 0.0)
+    assert reason in node.read_log()
+    assert node.ask("param tracking 0.01|0.01|0.01") == "."
+    node.cycle()
+    assert node.cycle() == (0.6, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -294,6 +321,15 @@ def test_it_can_be_configured_anew(node):
         ({"period": 0.6}, "'period' is not in its range"),
         ({"period": 0.0}, "'period' is not in its range"),
         ({"max_tilt": 1.0}, "'max_tilt' is not in its range"),
+        ({"scans": "bad topic"}, "'bad topic'"),
+        ({"scans": "scan|3d"}, "'3d'"),
+        ({"clouds": "depth|/depth"}, "name '/depth' twice"),
+        ({"robot": "nonsense"}, "'robot' is 'nonsense'; it must be disc:RADIUS, or footprint:"),
+        ({"robot": "disc:-1"}, "'robot' is 'disc:-1'; it must be"),
+        ({"robot": "disc:1e9"}, "metres, at most 100 from the origin"),
+        ({"robot": "disc:0.3 m"}, "'robot' is 'disc:0.3 m'"),
+        ({"robot": "footprint:[[0.3, 0.2], [-0.3, 0.2]]"}, "'robot' is 'footprint:[[0.3, 0.2]"),
+        ({"robot": "footprint:[[0, 0], [1, 1], [1, 0], [0, 1]]"}, "a convex polygon"),
     ],
 )
 def test_parameters_that_cannot_be_are_refused_when_configured(start, maps, parameters, message):
@@ -382,6 +418,9 @@ def test_it_drives_on_while_a_map_is_built_in_which_a_wall_nearby_has_gone(follo
         pytest.param("36", "36 7", "", id="larger"),
         pytest.param("43", "36 7", "has changed near the robot", id="larger, another wall"),
         pytest.param("43 7", "36", "has changed near the robot", id="smaller, another wall"),
+        pytest.param("0", "0 -40", "has changed near the robot", id="smaller, without its place"),
+        pytest.param("0", "0 -25", "has changed near the robot", id="smaller, ends beside it"),
+        pytest.param("0", "0 -20", "", id="smaller, beyond its reach"),
         pytest.param("0", "0 0.5", "is being built", id="moved by half a cell"),
         pytest.param("0", "0 0 0.2", "is being built", id="larger cells"),
     ],
@@ -426,7 +465,7 @@ def test_a_build_ends_although_a_newer_grid_comes(follow, tmp_path):
             "the map's origin is none: its quaternion (x, y, z, w) is (0, 0, 0, 0)",
         ),
         ({"builder": "/no/cspace"}, "map 0", "the command '/no/cspace' does not start"),
-        ({"robot": "disc:-1"}, "map 0", "build' failed: "),
+        ({"builder": "false"}, "map 0", "build' failed: "),
         (
             {"footprint": SIDES.replace("0.3", "0.31")},
             "map 0",

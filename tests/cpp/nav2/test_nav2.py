@@ -343,9 +343,27 @@ def test_a_saved_map_of_another_robot_or_frame_is_refused(
     assert answer["code"] == 200 and all(message in answer["text"] for message in messages)
 
 
-def test_parameters_are_read_only_while_the_node_runs(nav2, room):
+def test_what_needs_no_new_map_may_change_while_the_node_runs(nav2, room):
+    nav2.set(drive="tank", map=room, tolerance=0)
+    assert nav2.ask("configure")["code"] == 200
+    assert nav2.ask("param plan.drive holonomic") == ""
+    assert nav2.ask("configure") == {"code": 0}
+    refused = nav2.ask("param plan.drive differential")
+    assert (
+        refused
+        == "the parameter 'plan.drive' is read when the node is configured; clean it up first"
+    )
+    goal = (3.55, 1.0, 0.0)
+    assert nav2.plan(START, goal)["code"] == 206
+    assert nav2.ask("param plan.tolerance 0.4") == ""
+    assert nav2.plan(START, goal)["code"] == 0
+    nav2.tell("cleanup")
+    assert nav2.ask("param plan.drive differential") == ""
+
+
+def test_a_search_leaves_the_costmap_to_others(nav2, room):
     nav2.configure(room)
-    assert nav2.ask("writable") == [0]
+    assert nav2.plan(START, GOAL)["locked"] == 0
 
 
 # ---- the goal, and the time ----------------------------------------------------------------------
@@ -486,6 +504,44 @@ def test_a_robot_square_to_a_wall_or_two_first_backs_out(
         assert back[0] and np.all(back[:-1] >= back[1:])
         assert np.ptp(path[:-1][back][:, 1:], axis=0).max() == 0.0  # straight
         assert -lengths[back].sum() < 1.0
+
+
+@pytest.fixture(scope="module")
+def shipped(tmp_path_factory):
+    """Return the parameters of the plugin in the shipped file, its padding, a map for both, and the map's folder."""
+    params = yaml.safe_load((PACKAGE / "params/navigation.yaml").read_text(encoding="utf-8"))
+    costmap = params["global_costmap"]["global_costmap"]["ros__parameters"]
+    options = params["planner_server"]["ros__parameters"]["GridBased"]
+    cells = np.zeros((100, 80), dtype=bool)
+    cells[[0, -1]] = cells[:, [0, -1]] = True
+    workspace = cspace.Workspace.from_array(cells, costmap["resolution"])
+    padding = costmap["footprint_padding"]
+    robot = cspace.Robot.from_footprint(costmap["footprint"], padding=padding)
+    space = cspace.build(workspace, robot, rotations=options["rotations"])
+    folder = tmp_path_factory.mktemp("shipped") / "map"
+    space.save(folder)
+    return options, padding, space, folder
+
+
+@pytest.mark.parametrize("is_in_corner", [True, False], ids=["corner", "wall"])
+@pytest.mark.parametrize("gap", [0.0, 0.03, 0.05, 0.08])
+def test_the_shipped_file_leads_out_of_corners_and_along_walls(
+    nav2, shipped, tmp_path, is_in_corner, gap
+):
+    options, padding, space, folder = shipped
+    x, y = HALF_SIDES
+    nav2.tell("footprint", x + padding, y + padding)
+    nav2.send_grid(space.workspace.outer, tmp_path / "grid", space.grid.spacing)
+    nav2.tell("static")
+    kept = {name: options[name] for name in ("drive", "tolerance", "start_tolerance")}
+    nav2.configure(folder, **kept)
+    start = (4.95 - x - gap if is_in_corner else 2.2, 3.95 - y - gap, 0.0)
+    path = nav2.find_path(start, (2.5, 2.0, 0.0))
+    assert math.dist(path[0, :2], start[:2]) <= kept["start_tolerance"]
+    assert np.all(space.certify_path(path))
+    check_drive(path, kept["drive"], shapely.box(0.05, 0.05, 4.95, 3.95).boundary)
+    lengths = np.array([drive_between(*ends)[1] for ends in itertools.pairwise(path.tolist())])
+    assert (lengths.min() < -1e-9) == is_in_corner
 
 
 def test_a_robot_turns_on_the_spot_at_equal_positions(nav2, room):
@@ -683,7 +739,7 @@ def test_a_build_that_runs_ends_with_the_planner_and_for_another_footprint(nav2,
     until(lambda: len((tmp_path / "pids").read_text().split()) == 2)
     pids = (tmp_path / "pids").read_text().split()
     nav2.tell("cleanup")
-    assert nav2.ask("writable") == [0]
+    assert nav2.ask("param plan.rotations 8") == ""  # it has ended
     assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
 
 

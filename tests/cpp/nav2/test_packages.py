@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from tests.helpers.nav2 import list_needs
+from tests.helpers.nav2 import ANSWERS, list_needs
 from tests.helpers.repository import ROOT
 
 CPP, PYTHON = ROOT / "ros/cspace_nav2", ROOT / "ros/cspace_nav2_py"
@@ -75,7 +75,7 @@ class Recorded:
 
 @pytest.fixture
 def launch(monkeypatch):
-    """Return a function that runs the launch file over stand-ins and returns its nodes, with a simulator or without."""
+    """Return a function that runs the launch file over stand-ins, with arguments that are true; it returns the nodes."""
     for name in ("launch", "launch.actions", "launch.conditions", "launch.substitutions"):
         monkeypatch.setitem(sys.modules, name, ModuleType(name))
     for name in ("", ".actions", ".parameter_descriptions", ".substitutions"):
@@ -85,7 +85,7 @@ def launch(monkeypatch):
     for module, names in {
         "launch.actions": ["DeclareLaunchArgument", "OpaqueFunction"],
         "launch.conditions": ["IfCondition"],
-        "launch.substitutions": ["LaunchConfiguration", "OrSubstitution", "PathJoinSubstitution"],
+        "launch.substitutions": ["LaunchConfiguration", "PathJoinSubstitution"],
         "launch_ros.actions": ["Node"],
         "launch_ros.parameter_descriptions": ["ParameterValue"],
         "launch_ros.substitutions": ["FindPackageShare"],
@@ -97,9 +97,12 @@ def launch(monkeypatch):
     found = runpy.run_path(str(CPP / "launch/navigation.launch.py"))
     *_, nodes = found["generate_launch_description"]().arguments[0]
 
-    def start(is_simulated):
+    def start(*true):
+        def evaluate(self, _):
+            return self.arguments[0].arguments[0] in true
+
         condition = sys.modules["launch.conditions"].IfCondition
-        monkeypatch.setattr(condition, "evaluate", lambda *_: is_simulated, raising=False)
+        monkeypatch.setattr(condition, "evaluate", evaluate, raising=False)
         return nodes.options["function"](None)
 
     return start
@@ -115,9 +118,10 @@ def list_managed(nodes):
     ]
 
 
-@pytest.mark.parametrize("is_simulated", [False, True])
-def test_the_launch_file_starts_programs_that_are_installed(launch, is_simulated):
-    nodes = launch(is_simulated)
+@pytest.mark.parametrize("drives", ["gate", "navigate", "use_simulator"])
+def test_the_launch_file_starts_programs_that_are_installed(launch, drives):
+    nodes = launch(drives, "node")
+    is_simulated = drives == "use_simulator"
     started = {(each.options["package"], each.options["executable"]) for each in nodes}
     installed = re.search(
         r"install\(TARGETS ([\w ]+) DESTINATION lib/", (CPP / "CMakeLists.txt").read_text()
@@ -145,14 +149,15 @@ def test_the_launch_file_starts_programs_that_are_installed(launch, is_simulated
     assert first["cspace_gate"]["robot"].arguments == (f"footprint:{footprint}",)
     assert first["cspace_planner"]["footprint"].arguments == (footprint,)
     assert first["cspace_planner"]["footprint_padding"] == 0.025
-    if is_simulated:
+    if drives != "gate":
         assert first["controller_server"] == first["cspace_planner"]
 
 
 def test_nodes_are_brought_up_after_those_they_ask(launch):
-    maps, gate, plans = list_managed(launch(False))
+    assert list_managed(launch()) == [["map_server"], ["planner_server"]]
+    maps, gate, plans = list_managed(launch("gate"))
     assert (maps, gate, plans) == (["map_server"], ["cspace_gate"], ["planner_server"])
-    *_, driving = list_managed(launch(True))
+    *_, driving = list_managed(launch("navigate"))
     assert driving[-1] == "bt_navigator" and "planner_server" in driving
 
 
@@ -166,20 +171,43 @@ CHAIN = {
 """Topics that programs hear and publish before remappings; all but the gate's from the sources of Nav2 1.3.13."""
 
 
-def test_commands_reach_the_simulated_robot_through_the_gate_alone(launch):
+@pytest.mark.parametrize("drives", ["navigate", "use_simulator"])
+def test_commands_reach_the_robot_through_the_gate_alone(launch, drives):
     heard, published = {}, {}
-    for node in launch(True):
+    for node in launch(drives):
         program = node.options["executable"]
-        rename = dict(node.options.get("remappings", []))
+        rename = {
+            old: getattr(new, "arguments", [new])[0]  # an argument's name
+            for old, new in node.options.get("remappings", [])
+        }
         for table, topics in zip((heard, published), CHAIN.get(program, ((), ())), strict=True):
             for topic in topics:
                 table.setdefault(rename.get(topic, topic), set()).add(program)
     assert published["cmd_vel"] == {"gate_node"}
-    assert heard["cmd_vel"] == {"loopback_simulator"}
+    assert heard.get("cmd_vel") == ({"loopback_simulator"} if drives == "use_simulator" else None)
     assert published["cmd_vel_smoothed"] == {"velocity_smoother"}
-    assert heard["cmd_vel_smoothed"] == {"gate_node"}
+    assert heard["gate_input"] == {"gate_node"}
     assert published["cmd_vel_nav"] == {"controller_server", "behavior_server"}
     assert heard["cmd_vel_nav"] == {"velocity_smoother"}
+
+
+def list_values(node, path=()):
+    """Return the values of a composed file of YAML and their lines, by the names that lead to them."""
+    if not isinstance(node, yaml.MappingNode):
+        return {path: (yaml.safe_load(yaml.serialize(node)), node.start_mark.line)}
+    found = {}
+    for key, value in node.value:
+        found |= list_values(value, (*path, key.value))
+    return found
+
+
+def test_each_difference_of_the_params_file_from_nav2_bringup_is_said():
+    text = (CPP / "params/navigation.yaml").read_text()
+    lines, values = text.splitlines(), list_values(yaml.compose(text))
+    facts = (ANSWERS / "bringup.yaml").read_text()
+    for path, (theirs, _) in list_values(yaml.compose(facts)).items():
+        value, line = values[path]
+        assert value == theirs or "# " in lines[line], path
 
 
 def test_each_costmap_forgets_what_has_gone_and_marks_what_is_above_the_floor():
@@ -217,6 +245,7 @@ NODES = {
     "RateController": {"hz"},
     "RecoveryNode": {"number_of_retries"},
     "RoundRobin": set(),
+    "Script": {"code"},
     "Wait": {"wait_duration"},
     **dict.fromkeys(
         ("Fallback", "Inverter", "ReactiveFallback", "ReactiveSequence", "Sequence"), frozenset()
@@ -255,3 +284,9 @@ def test_the_tree_plans_if_the_path_is_not_valid_or_old_and_waits_for_the_map():
     clear, *others = root.find(".//RoundRobin")
     assert {each.tag for each in clear} == {"ClearEntireCostmap"}
     assert [each.tag for each in others] == ["Wait", "BackUp"]
+    recover = root.find(".//RecoveryNode[@name='Recover']")
+    rounds = int(recover.get("number_of_retries")) // 3
+    # 1.5 m from a corner, paths begin ahead.
+    assert rounds * float(others[1].get("backup_dist")) >= 1.5
+    follow = root.find(".//FollowPath").get("error_code_id")
+    assert root.find(".//Script").get("code") == f"{follow[1:-1]} := 0"

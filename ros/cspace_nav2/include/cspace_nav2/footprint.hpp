@@ -13,6 +13,9 @@ namespace cspace_nav2 {
 /// Metres by which a footprint and the map's robot may differ.
 constexpr double SAME = 1e-6;
 
+/// Largest distance of a robot's points from its origin, metres.
+constexpr double MAX_SIZE = 100.0;
+
 /// Return a convex part from a text as Nav2 has it: "[[0.3, 0.2], [-0.3, 0.2], ...]", metres.
 /// @throws cspace::InputError  if it is none
 inline cspace::Core read_part(const std::string& text) {
@@ -30,6 +33,28 @@ inline cspace::Core read_part(const std::string& text) {
     throw cspace::InputError("the footprint '" + text + "' is no list of pairs such as [[0.3, 0.2], [-0.3, 0.2], [0, -0.2]]");
   cspace::detail::turn_left(part.corners);
   return part;
+}
+
+/// Check the parameter `robot`: a disc or a footprint, in words of `cspace build --robot`.
+/// @throws std::invalid_argument  if it is none
+inline void check_shape(const std::string& text) {
+  const std::string kind = text.substr(0, text.find(':') + 1), rest = text.substr(kind.size());
+  double size = 0.0;
+  try {
+    if (kind == "footprint:") {
+      const cspace::Core part = read_part(rest);
+      cspace::Gate::check_core(part);
+      for (const cspace::Point& corner : part.corners) size = std::max(size, std::hypot(corner.x, corner.y));
+    }
+    std::istringstream number(rest);
+    number.imbue(std::locale::classic());
+    if (kind == "disc:" && !((number >> size) && number.eof())) size = 0.0;
+  } catch (const cspace::InputError&) {
+    size = 0.0;
+  }
+  if (!(size > 0.0 && size <= MAX_SIZE))
+    throw std::invalid_argument("the parameter 'robot' is '" + text + "'; it must be disc:RADIUS, or footprint:[[x, y], [x, y], [x, y]] " +
+                                "with the corners of a convex polygon, metres, at most 100 from the origin");
 }
 
 /// Return true if two convex parts are the same polygon, whatever its first corner.

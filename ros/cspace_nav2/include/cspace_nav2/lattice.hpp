@@ -142,8 +142,9 @@ class Lattice {
     const Drive& drive = surroundings_.drive();
     Guide guide(blocks_, surroundings_, start, goal, is_over_);
     std::vector<Configuration> path;
+    const int finest = drive.is_holonomic ? 0 : FINEST;
     for (const bool backs_out : {false, true})
-      for (int level = COARSEST; level >= 0 && path.empty() && !is_over_(); --level)
+      for (int level = COARSEST; level >= finest && path.empty() && !is_over_(); --level)
         if (!backs_out || drive.is_car || !(drive.reverses || drive.is_holonomic))
           path = search(start, goal, guide, level, std::numeric_limits<double>::infinity(), backs_out);
     shorten(path);
@@ -160,13 +161,16 @@ class Lattice {
   }
 
  private:
-  static constexpr int COARSEST = 2;
-  static constexpr int FINEST_YAWS = 96;
+  static constexpr int COARSEST = 2, FINEST = -1;
+  static constexpr int YAWS = 96;
   static constexpr int SHORTENING_ROUNDS = 2;
   static constexpr double SUFFICIENT = 1.08;   ///< a path may cost more than the bound of all others by this factor
+  static constexpr double SUFFICIENT_BESIDE_WALLS = 1.5;  ///< the same at the finest level, which takes the most steps
   static constexpr double MIN_GAIN = 1e-3;     ///< metres
   static constexpr double SIDESTEP = 0.1;      ///< metres by which a path is moved away from what is near
   static constexpr std::size_t MIN_SIDESTEP_POSES = 16;  ///< of a part that is moved
+  static constexpr double MAX_STRAIGHT = 3.0;  ///< metres of a move at a small angle to a wall
+  static constexpr double INSIDE = 0.05;       ///< cells by which it ends in the next one
   static constexpr double NEAR = 3.0;          ///< metres to the goal within which curves bound costs
 
   /// A pose that a search has reached, and the arc that leads to it from its parent.
@@ -182,8 +186,9 @@ class Lattice {
   std::vector<Configuration> search(const Configuration& start, const Configuration& goal, Guide& guide, int level,
                                     double bound, bool backs_out = false) const {
     const Drive& drive = surroundings_.drive();
-    const double side = surroundings_.map().spacing() * (1 << level);
-    const int yaws = FINEST_YAWS >> level;
+    const double side = surroundings_.map().spacing() * (1 << std::max(level, 0));
+    // The finest level has yaws beside the middle of each cell of yaw, in which a robot beside a wall has to stay at first.
+    const int yaws = level < 0 ? std::max(YAWS, 3 * static_cast<int>(surroundings_.map().rotations())) : YAWS >> level;
     const double yaw_step = 2.0 * M_PI / yaws;
     const std::vector<Arc> wide_moves = drive.moves(std::sqrt(2.0) * side, yaw_step, backs_out, false);
     const std::vector<Arc> narrow_moves = drive.moves(std::sqrt(2.0) * side, yaw_step, backs_out, true);
@@ -196,7 +201,7 @@ class Lattice {
     for (double wait = 0.0; !queue.empty() && !is_over_(); --wait) {
       const auto [least, number] = queue.top();
       queue.pop();
-      if (least * SUFFICIENT >= bound) break;
+      if (least * (level < 0 ? SUFFICIENT_BESIDE_WALLS : SUFFICIENT) >= bound) break;
       const Node node = nodes[number];
       const std::int64_t key = key_of(node.q, side, yaws);
       const auto known = node_of.find(key);
@@ -215,7 +220,13 @@ class Lattice {
         wait = guide.cost(node.q) / (4.0 * side);
       }
       const double astray = node.q[2] - yaw_step * std::round(node.q[2] / yaw_step);
-      for (Arc move : surroundings_.is_wide(node.q) ? wide_moves : narrow_moves) {
+      const bool is_wide = surroundings_.is_wide(node.q);
+      std::vector<Arc> fine_moves;
+      if (level < 0 && !is_wide) {
+        fine_moves = narrow_moves;
+        for (const double way : {1.0, -1.0}) fine_moves.push_back({way * length_across(node.q, way), 0.0});
+      }
+      for (Arc move : is_wide ? wide_moves : level < 0 ? fine_moves : narrow_moves) {
         if (move.length < 0.0 && !node.may_reverse) continue;
         // The first turn leads to a yaw of the lattice, some of which are along most walls.
         if (move.angle != 0.0) move = {move.length * (1.0 - astray / move.angle), move.angle - astray};
@@ -234,6 +245,21 @@ class Lattice {
       }
     }
     return end.empty() ? end : trace(nodes, last, end);
+  }
+
+  /// Return how far it is, ahead or back, into the next column and row of cells, at most `MAX_STRAIGHT`.
+  ///
+  /// At small angles to a wall, shorter moves would end in cells that are also reached along the wall, and be forgotten.
+  double length_across(const Configuration& q, double way) const {
+    const cspace::Map& map = surroundings_.map();
+    const double parts[] = {way * std::cos(q[2]), way * std::sin(q[2])};
+    double length = 0.0;
+    for (int axis = 0; axis < 2; ++axis) {
+      const double place = (q[axis] - map.lower()[axis]) / map.spacing(), passed = place - std::floor(place);
+      const double rest = (parts[axis] > 0.0 ? 1.0 - passed : passed) + INSIDE;
+      length = std::max(length, map.spacing() * rest / std::abs(parts[axis]));
+    }
+    return std::min(length, MAX_STRAIGHT);
   }
 
   /// Return true if the move to a node is free: a straight one by one proof, which takes less time than those of its poses.

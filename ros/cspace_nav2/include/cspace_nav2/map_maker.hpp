@@ -218,26 +218,30 @@ class MapMaker {
     if (!known_.changed) known_.map = nullptr;
   }
 
-  /// Return the centers of cells that may be taken in the newest grid, and free in the map's; null if their cells differ.
+  /// Return the centers of cells of the map's grid that may be taken now; null if the cells of both grids differ.
+  ///
+  /// Outside of its own grid, the map proves nothing free; nor does the next one, whose grid may have left the robot.
   std::shared_ptr<const std::vector<cspace::Point>> list_changed() const {
     const auto &now = grid_->info, &before = made_grid_->info;
-    const double yaw = yaw_of(now.origin), side = now.resolution;
+    const auto &from = before.origin.position, &to = now.origin.position;
+    const double yaw = yaw_of(now.origin), side = now.resolution, cosine = std::cos(yaw), sine = std::sin(yaw);
     if (now.resolution != before.resolution || yaw != yaw_of(before.origin)) return nullptr;
-    const double x = now.origin.position.x - before.origin.position.x, y = now.origin.position.y - before.origin.position.y;
-    const double columns = (x * std::cos(yaw) + y * std::sin(yaw)) / side, rows = (y * std::cos(yaw) - x * std::sin(yaw)) / side;
+    const double x = from.x - to.x, y = from.y - to.y;
+    const double columns = (x * cosine + y * sine) / side, rows = (y * cosine - x * sine) / side;
     const double right = std::round(columns), up = std::round(rows);
     if (!(std::hypot(columns - right, rows - up) < MAX_OFFSET && std::hypot(right, up) < MAX_SHIFT)) return nullptr;
     const auto changed = std::make_shared<std::vector<cspace::Point>>();
-    for (std::int64_t row = 0; row < now.height; ++row) {
-      for (std::int64_t column = 0; column < now.width; ++column) {
+    for (std::int64_t row = 0; row < before.height; ++row) {
+      for (std::int64_t column = 0; column < before.width; ++column) {
+        const int old = made_grid_->data[row * before.width + column];
+        if (is_taken(old)) continue;
         const std::int64_t i = column + static_cast<std::int64_t>(right), j = row + static_cast<std::int64_t>(up);
-        // Outside of its grid, the map proves nothing free.
-        if (i < 0 || j < 0 || i >= before.width || j >= before.height) continue;
-        const int value = grid_->data[row * now.width + column], old = made_grid_->data[j * before.width + i];
-        if (value == old || is_free(value) || is_taken(old)) continue;
+        if (i >= 0 && j >= 0 && i < now.width && j < now.height) {
+          const int value = grid_->data[j * now.width + i];
+          if (value == old || is_free(value)) continue;
+        }
         const double u = (static_cast<double>(column) + 0.5) * side, v = (static_cast<double>(row) + 0.5) * side;
-        changed->push_back({now.origin.position.x + u * std::cos(yaw) - v * std::sin(yaw),
-                            now.origin.position.y + u * std::sin(yaw) + v * std::cos(yaw)});
+        changed->push_back({from.x + u * cosine - v * sine, from.y + u * sine + v * cosine});
       }
     }
     return changed;

@@ -5,20 +5,36 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <memory>
+#include <set>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
 #include <rcl_interfaces/msg/parameter_descriptor.hpp>
+#include <rcl_interfaces/msg/set_parameters_result.hpp>
+#include <rclcpp/rclcpp.hpp>
 
 namespace cspace_nav2 {
 
-/// Declares parameters as read-only, unless an earlier configuration did.
+/// Declares parameters, unless an earlier configuration did, and reads them.
 template <typename Node>
 class Parameters {
  public:
   /// @param prefix  of the names of all parameters
   explicit Parameters(Node& node, const std::string& prefix = "") : node_(node), prefix_(prefix) {}
+
+  /// Refuse to change what has been read, as long as the answer lives.
+  std::shared_ptr<void> lock() const {
+    return node_.add_on_set_parameters_callback([names = names_](const std::vector<rclcpp::Parameter>& list) {
+      rcl_interfaces::msg::SetParametersResult result;
+      for (const rclcpp::Parameter& parameter : list)
+        if (names.count(parameter.get_name()) > 0)
+          result.reason = "the parameter '" + parameter.get_name() + "' is read when the node is configured; clean it up first";
+      result.successful = result.reason.empty();
+      return result;
+    });
+  }
 
   /// Return a number within bounds.
   double number(const std::string& name, double otherwise, double lowest, double highest, const std::string& about) {
@@ -76,13 +92,13 @@ class Parameters {
   static rcl_interfaces::msg::ParameterDescriptor describe(const std::string& about) {
     rcl_interfaces::msg::ParameterDescriptor rule;
     rule.description = about;
-    rule.read_only = true;
     return rule;
   }
 
   template <typename Value>
   Value read(const std::string& name, const Value& otherwise, const rcl_interfaces::msg::ParameterDescriptor& rule) {
     const std::string full = prefix_ + name;
+    names_.insert(full);
     if (node_.has_parameter(full)) return node_.get_parameter(full).template get_value<Value>();
     return node_.template declare_parameter<Value>(full, otherwise, rule);
   }
@@ -96,6 +112,7 @@ class Parameters {
 
   Node& node_;
   const std::string prefix_;
+  std::set<std::string> names_;
 };
 
 }  // namespace cspace_nav2

@@ -34,7 +34,7 @@ using Buffer = tf2_ros::Buffer;
 ///
 /// The map proves every edge free along its whole length, as it is driven. In the live costmap, poses along the path are
 /// tested, and their costs count. Without the parameter `<name>.map`, the map is made of the topic `<name>.map_topic`. All
-/// parameters say what they are, and are read-only while the node runs.
+/// parameters say what they are; those that need no new map may change while the node runs.
 class CspacePlanner : public nav2_core::GlobalPlanner {
  public:
   using Pose = geometry_msgs::msg::PoseStamped;
@@ -64,7 +64,9 @@ class CspacePlanner : public nav2_core::GlobalPlanner {
     std::vector<std::vector<Configuration>> legs;
   };
 
-  void read_parameters(Node& node, const std::string& name);
+  void read_parameters(Node& node);
+  /// Read what may change between two plans.
+  void read_live_parameters(Node& node);
   /// Take the newest map; throw a `nav2_core::PlannerException` that says why there is none.
   void update_map();
   /// Return a path through all viapoints; throw a `nav2_core::PlannerException` that says why there is none.
@@ -80,6 +82,9 @@ class CspacePlanner : public nav2_core::GlobalPlanner {
   Route search_route(const Surroundings& surroundings, const Configuration& start, const std::vector<Configuration>& goals,
                      const IsOver& is_over) const;
 
+  Node::WeakPtr parent_;
+  std::string name_;
+  std::shared_ptr<void> lock_;  ///< of parameters that need a new map
   std::shared_ptr<const cspace::Map> map_;
   std::unique_ptr<Blocks> blocks_;   ///< of the map
   std::shared_ptr<MapMaker> maker_;  ///< without one, the map is that of a folder

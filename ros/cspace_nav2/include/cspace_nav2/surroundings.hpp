@@ -28,11 +28,11 @@ struct Rules {
   bool allow_unknown;   ///< whether the footprint may touch unknown cells
 };
 
-/// A map and a costmap, which stays locked as long as this object lives.
+/// A map and a copy of the costmap, which is locked no longer than that takes: others need it during long searches.
 class Surroundings {
  public:
   Surroundings(const cspace::Map& map, nav2_costmap_2d::Costmap2DROS& costmap_ros, const Drive& drive, const Rules& rules)
-      : map_(map), drive_(drive), costmap_(*costmap_ros.getCostmap()), lock_(*costmap_.getMutex()), rules_(rules),
+      : map_(map), drive_(drive), costmap_(copy(*costmap_ros.getCostmap())), rules_(rules),
         footprint_(costmap_ros.getRobotFootprint()), checker_(&costmap_), is_round_(costmap_ros.getUseRadius()),
         columns_(costmap_.getSizeInCellsX()), rows_(costmap_.getSizeInCellsY()), cells_(costmap_.getCharMap()) {
     for (const auto& corner : footprint_) corners_.push_back({corner.x, corner.y});
@@ -190,6 +190,11 @@ class Surroundings {
  private:
   using Point = std::array<double, 2>;
 
+  static nav2_costmap_2d::Costmap2D copy(nav2_costmap_2d::Costmap2D& costmap) {
+    const std::lock_guard<nav2_costmap_2d::Costmap2D::mutex_t> lock(*costmap.getMutex());
+    return nav2_costmap_2d::Costmap2D(costmap);
+  }
+
   /// Return the shorter turn between two configurations.
   static double turn(const Configuration& from, const Configuration& to) {
     return wrap(to[2] - from[2]);
@@ -281,8 +286,7 @@ class Surroundings {
 
   const cspace::Map& map_;
   const Drive& drive_;
-  nav2_costmap_2d::Costmap2D& costmap_;
-  std::unique_lock<nav2_costmap_2d::Costmap2D::mutex_t> lock_;
+  nav2_costmap_2d::Costmap2D costmap_;
   const Rules rules_;
   nav2_costmap_2d::Footprint footprint_;
   mutable nav2_costmap_2d::FootprintCollisionChecker<nav2_costmap_2d::Costmap2D*> checker_;

@@ -107,6 +107,9 @@ class Watch {
     for (const std::string& name : options_.sources) sources_[name];
   }
 
+  /// Go on with other options, of the same sources.
+  void set_options(const WatchOptions& options) { options_ = options; }
+
   void hear_command(const cspace::Twist& wanted, Time now) {
     const cspace::Twist& most = options_.max_velocity;
     if (wanted.speed() > most.v || std::abs(wanted.omega) > most.omega)

@@ -15,6 +15,8 @@ class Costmap2D {
             unsigned char default_value = 0)
       : columns_(cells_size_x), rows_(cells_size_y), resolution_(resolution), x_(origin_x), y_(origin_y),
         costs_(std::size_t{cells_size_x} * cells_size_y, default_value) {}
+  Costmap2D(const Costmap2D& map)
+      : columns_(map.columns_), rows_(map.rows_), resolution_(map.resolution_), x_(map.x_), y_(map.y_), costs_(map.costs_) {}
 
   unsigned int getSizeInCellsX() const { return columns_; }
   unsigned int getSizeInCellsY() const { return rows_; }

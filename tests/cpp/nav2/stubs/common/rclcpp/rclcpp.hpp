@@ -13,6 +13,7 @@
 
 #include <geometry_msgs/msg/pose.hpp>
 #include <rcl_interfaces/msg/parameter_descriptor.hpp>
+#include <rcl_interfaces/msg/set_parameters_result.hpp>
 
 #define RCLCPP_INFO(logger, ...) rclcpp::stub_log("INFO", logger, __VA_ARGS__)
 #define RCLCPP_WARN(logger, ...) rclcpp::stub_log("WARN", logger, __VA_ARGS__)
@@ -65,7 +66,8 @@ class Clock {
 /// A parameter as a text; a list has one item a line.
 class Parameter {
  public:
-  explicit Parameter(const std::string& text) : text_(text) {}
+  explicit Parameter(const std::string& text, const std::string& name = "") : text_(text), name_(name) {}
+  const std::string& get_name() const { return name_; }
 
   template <typename Value>
   Value get_value() const {
@@ -99,7 +101,7 @@ class Parameter {
     for (std::string line; std::getline(lines, line);) read(line, list.emplace_back());
   }
 
-  std::string text_;
+  std::string text_, name_;
 };
 
 /// A publisher of a topic: "node", or "namespace/node".
@@ -114,9 +116,35 @@ class TopicEndpointInfo {
   std::string name_, space_;
 };
 
+/// Names of topics, by the rules of ROS.
+struct StubTopics {
+  std::string resolve_topic_name(const std::string& name) const {
+    const bool has_digit_first = !name.empty() && name[0] >= '0' && name[0] <= '9';
+    if (name.empty() || has_digit_first || name.find_first_of(" -.[]") != std::string::npos)
+      throw std::invalid_argument("Invalid topic name: '" + name + "'");
+    return name[0] == '/' ? name : "/" + name;
+  }
+};
+
 class Node {
  public:
+  using StubCheck = std::function<rcl_interfaces::msg::SetParametersResult(const std::vector<Parameter>&)>;
+
   explicit Node(const std::string& name) : name_(name) {}
+
+  std::shared_ptr<StubTopics> get_node_topics_interface() const { return std::make_shared<StubTopics>(); }
+  std::shared_ptr<StubCheck> add_on_set_parameters_callback(const StubCheck& check) {
+    const auto kept = std::make_shared<StubCheck>(check);
+    stub_check_ = kept;
+    return kept;
+  }
+  /// Set a declared parameter as `ros2 param set` does; return why it is refused, or "".
+  std::string stub_set(const std::string& name, const std::string& text) {
+    if (const auto check = stub_check_.lock())
+      if (const auto result = (*check)({Parameter(text, name)}); !result.successful) return result.reason;
+    declared_.at(name) = Parameter(text, name);
+    return "";
+  }
 
   const char* get_name() const { return name_.c_str(); }
   const char* get_namespace() const { return "/"; }
@@ -133,7 +161,6 @@ class Node {
                           const rcl_interfaces::msg::ParameterDescriptor& rule = {}) {
     if (has_parameter(name)) throw std::runtime_error("parameter '" + name + "' has already been declared");
     const auto found = stub_parameters().find(name);
-    if (!rule.read_only) stub_writable().push_back(name);
     stub_rules()[name] = rule;
     declared_.emplace(name, found == stub_parameters().end() ? Parameter::write(otherwise) : found->second);
     for (const auto& range : rule.floating_point_range) {
@@ -142,10 +169,6 @@ class Node {
         throw std::runtime_error("parameter '" + name + "' is not in its range");
     }
     return get_parameter(name).get_value<Value>();
-  }
-  static std::vector<std::string>& stub_writable() {
-    static std::vector<std::string> names;
-    return names;
   }
   static std::map<std::string, rcl_interfaces::msg::ParameterDescriptor>& stub_rules() {
     static std::map<std::string, rcl_interfaces::msg::ParameterDescriptor> rules;
@@ -158,6 +181,7 @@ class Node {
  private:
   std::string name_;
   std::map<std::string, Parameter> declared_;
+  std::weak_ptr<StubCheck> stub_check_;
 };
 
 struct QoS {
