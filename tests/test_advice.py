@@ -5,13 +5,13 @@ import dataclasses
 import math
 import re
 import warnings
-from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import NamedTuple
 from unittest import mock
 
+import matplotlib.patches
+import matplotlib.path
 import numpy as np
 import pandas as pd
 import pytest
@@ -22,6 +22,7 @@ import shapely
 import trimesh
 import xarray
 import yaml
+import yourdfpy
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
@@ -29,7 +30,7 @@ import cspace
 import planners
 from cspace import Grid, Robot, Workspace, build
 from cspace.lanes import Mover, apart
-from tests.helpers.refusals import write
+from tests.helpers.refusals import list_calls, write
 from tests.helpers.urdfs import joint, link
 from tests.helpers.urdfs import write_urdf as write_arm
 
@@ -494,14 +495,14 @@ def refuse_mover(motion):
     return apart(Mover("disc:0.1", motion), Mover("disc:0.1", (2.0, 0.5)))
 
 
-class Tensor(NamedTuple):
-    """As a tensor of Open3D."""
+class Tensor:
+    """As a tensor of Open3D, on another device."""
 
-    values: np.ndarray
+    def cpu(self):
+        """Return a copy in memory."""
+        return SimpleNamespace(numpy=lambda: POINTS)
 
-    def numpy(self):
-        """Return the values as an array."""
-        return self.values
+    numpy = None
 
 
 def make_triangles():
@@ -715,9 +716,66 @@ KINDS = {
         [lambda world: world.faces.tolist() == MESH[1].tolist(), lambda world: world is MESH[0]],
     ),
     "cells of a mesh": (
-        lambda _: SimpleNamespace(cells=[], extract_surface=make_triangles),
+        lambda _: SimpleNamespace(points_to_double=None, extract_surface=make_triangles),
         lambda value, _: Workspace.from_mesh(value, 0.1),
         [lambda world: world.regular_faces is MESH[1]],
+    ),
+    "cells with values": (
+        lambda _: SimpleNamespace(
+            extract_surface=None, threshold=lambda lowest: (lowest, make_triangles())
+        ),
+        lambda value, _: Workspace.from_mesh(value, 0.1),
+        [lambda world: world[0] == 0.5 and world[1].regular_faces is MESH[1]],
+    ),
+    "blocks of meshes": (
+        lambda _: SimpleNamespace(extract_surface=None, combine=make_triangles),
+        lambda value, _: Workspace.from_mesh(value, 0.1),
+        [lambda world: world.regular_faces is MESH[1]],
+    ),
+    "a mesh of several cells": (
+        lambda _: SimpleNamespace(points=MESH[0], cells_dict={"triangle": MESH[1]}),
+        lambda value, _: Workspace.from_mesh(value, 0.1),
+        [lambda world: world.faces.tolist() == MESH[1].tolist()],
+    ),
+    "a box of points": (
+        lambda _: SimpleNamespace(get_box_points=lambda: MESH[0]),
+        lambda value, _: Workspace.from_mesh(value, 0.1),
+        [lambda world: world.volume == 1.0 and world.bounds.tolist() == [[-0.5] * 3, [0.5] * 3]],
+    ),
+    "lines": (
+        lambda _: SimpleNamespace(points=MESH[0], lines=[(0, 1)], get_line_coordinate=None),
+        lambda value, _: Workspace.from_mesh(value, 0.1),
+        [lambda world: world.faces.tolist() == [[0, 1, 1]]],
+    ),
+    "a variable of several": (
+        lambda _: xarray.Dataset({"cost": label(WALL, 0.1)}),
+        lambda value, _: Workspace.from_array(value, 0.1),
+        [lambda world: (world == WALL).all()],
+    ),
+    "a path of a plot": (
+        lambda _: matplotlib.path.Path([*SQUARE, SQUARE[0]], closed=True),
+        lambda value, _: Workspace.from_polygons(value, 0.25),
+        [lambda world: world[0].equals(shapely.box(0.5, 0.5, 2.0, 1.5))],
+    ),
+    "a rectangle of a plot": (
+        lambda _: matplotlib.patches.Rectangle((0.5, 0.5), 1.5, 1.0),
+        lambda value, _: Robot.polygon(value),
+        [lambda world: world.equals(shapely.box(0.5, 0.5, 2.0, 1.5))],
+    ),
+    "a polygon of a plot": (
+        lambda _: matplotlib.patches.Polygon(SQUARE),
+        lambda value, _: turning().add_obstacle("zone", value),
+        [lambda world: world.equals(shapely.box(0.5, 0.5, 2.0, 1.5))],
+    ),
+    "an arm that was loaded": (
+        lambda folder: yourdfpy.URDF.load(write_chain(folder, False)),
+        lambda value, _: cspace.Arm.from_urdf(value),
+        [lambda world: cspace.Arm.from_urdf(world).joints == ("j1",)],
+    ),
+    "a map for a robot": (
+        lambda _: turning(),
+        lambda value, _: apart(Mover(value, (0.5, 0.5)), Mover("disc:0.1", (2.0, 0.5))),
+        [lambda world: world is turning().robot or world.spec == turning().robot.spec],
     ),
     "a field of distances": (
         lambda _: SimpleNamespace(extract_triangle_mesh=make_triangles),
@@ -725,22 +783,17 @@ KINDS = {
         [lambda world: world.regular_faces is MESH[1]],
     ),
     "a mesh of tensors": (
-        lambda _: SimpleNamespace(
-            vertex=SimpleNamespace(positions=Tensor(MESH[0])),
-            triangle=SimpleNamespace(indices=Tensor(MESH[1])),
-        ),
+        lambda _: SimpleNamespace(vertex=None, cpu=None, to_legacy=make_triangles),
         lambda value, _: Workspace.from_mesh(value, 0.1),
-        [lambda world: world.faces.tolist() == MESH[1].tolist()],
+        [lambda world: world.regular_faces is MESH[1]],
     ),
-    "a cloud with normals": (
-        lambda _: SimpleNamespace(points=POINTS, normals=POINTS),
+    "a tensor": (
+        lambda _: Tensor(),
         lambda value, _: Workspace.from_points(value, 0.25),
         [lambda world: world is POINTS],
     ),
-    "a cloud of tensors": (
-        lambda _: SimpleNamespace(
-            point=SimpleNamespace(positions=Tensor(POINTS)), to_legacy=lambda: None
-        ),
+    "a cloud with normals": (
+        lambda _: SimpleNamespace(points=POINTS, normals=POINTS),
         lambda value, _: Workspace.from_points(value, 0.25),
         [lambda world: world is POINTS],
     ),
@@ -807,24 +860,13 @@ def cover(areas):
     return float(planners.SpeedZones([(areas, 0.5)]).zones[0][0].area)
 
 
-def list_calls(hint):
-    """Return the expressions that a hint names: of each way, the longest text that is one."""
-    calls = []
-    for way in hint.removeprefix("use ").split(", or "):
-        for end in range(len(way), 0, -1):
-            with suppress(SyntaxError):
-                ast.parse(way[:end].strip(), mode="eval")
-                calls.append(way[:end].strip())
-                break
-    return calls
-
-
 def refuse_kind(kind, folder):
     """Return the value of a kind, the error of the call that refuses it, and names for its hint."""
     make, refused, _ = KINDS[kind]
     value = make(folder)
     names = {
         "cspace": cspace,
+        "name": "cost",
         "numpy": np,
         "scipy": scipy,
         "shapely": shapely,
@@ -834,6 +876,8 @@ def refuse_kind(kind, folder):
         "first": SimpleNamespace(motion=value, robot=getattr(value, "robot", None)),
         "zones": [value],
         "spacing": 0.25,
+        "lowest": 0.5,
+        "trimesh": trimesh,
     }
     with pytest.raises(cspace.CspaceError) as caught:
         refused(value, names)

@@ -651,7 +651,6 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
 
 
 _OTHER_ARRAYS: Final = {
-    "getbands": "its rows count from the top, and black is 0, unlike cells",  # an image of Pillow
     "todense": "it must have a value for each cell",  # a sparse array
     "columns": "its labels are not read",  # a table
     "data_vars": "its labels are not read",  # a Dataset of xarray
@@ -662,6 +661,8 @@ _OTHER_ARRAYS: Final = {
 def check_kind(array: Any, name: str) -> None:
     """Raise InputError for what converts to an array, but has other rows, labels or gaps."""
     check_unmasked(array, name)
+    if "image" in type(array).__name__.lower():  # of Pillow, Open3D, SimpleITK
+        raise make_kind_error(array, name, "cells are an array indexed [x, y], 1 if occupied")
     for attribute, rule in _OTHER_ARRAYS.items():
         if hasattr(array, attribute):
             raise make_kind_error(array, name, rule)
@@ -705,7 +706,8 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
     if array.dtype.kind == "f":
         check_finite(array, name)
     if array.dtype.kind not in "biu":
-        raise InputError(name, f"has dtype {array.dtype}", "cells must be boolean")
+        problem, rule = f"has dtype {array.dtype}", "cells must be boolean"
+        raise InputError(name, problem, rule, suggest_call(values, name))
     is_boolean = array.dtype.kind == "b"
     if not is_boolean:
         _check_zeros_and_ones(array, name)
