@@ -86,7 +86,9 @@ _CALLS: Final[Mapping[str, str]] = {
     ),
     "writeBinary": "use {}.writeBinary(b'map.bt'); cspace.Workspace.open('map.bt') reads it",
     "cpu numpy": "use {}.cpu().numpy()",
-    **{name: f"use {{}}.{name}()" for name in ("fetchdf", "collect", "toarray")},
+    "fetchdf": "use {}.fetchdf()",
+    "collect": "use {}.collect()",
+    "toarray": "use {}.toarray()",
     **dict.fromkeys(
         [
             *("getpixel", "GetPixel", "create_pyramid"),  # pictures and volumes
