@@ -99,6 +99,7 @@ def test_the_code_of_a_page_runs(page, tmp_path, monkeypatch):
     monkeypatch.setattr("cspace.plot.animate", partial(animate, seconds=0.5))
     monkeypatch.setattr("cspace.plot._picture.save_figure", save_small)
     monkeypatch.setattr("planners.plan", plan_briefly)
+    monkeypatch.setattr("matplotlib.pyplot.show", lambda: pyplot.close("all"))
     monkeypatch.setattr(
         "matplotlib.layout_engine.ConstrainedLayoutEngine.execute", lambda engine, figure: None
     )
