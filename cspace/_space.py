@@ -617,13 +617,7 @@ class CSpace(ConfigurationMap):
         """
         from cspace._queries.sampling import find_nearest
 
-        point = self._check_configurations(q, "q")
-        if point.ndim != 1:
-            raise InputError(
-                "q",
-                f"has shape {point.shape}",
-                f"it must be one configuration, shape ({self.size},)",
-            )
+        point = self.check_configuration(q, "q")
         center = find_nearest(self._states, self._slice_of, self.rotations, self.grid, point)
         if center is None:
             raise self._make_nothing_free_error()

@@ -6,13 +6,13 @@ import inspect
 import math
 import re
 import warnings
-from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import NamedTuple
 from unittest import mock
 
+import matplotlib.patches
+import matplotlib.path
 import numpy as np
 import pandas as pd
 import pytest
@@ -23,6 +23,7 @@ import shapely
 import trimesh
 import xarray
 import yaml
+import yourdfpy
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
@@ -30,7 +31,7 @@ import cspace
 import planners
 from cspace import Grid, Robot, Workspace, build
 from cspace.lanes import Mover, apart
-from tests.helpers.refusals import write
+from tests.helpers.refusals import list_calls, write
 from tests.helpers.urdfs import joint, link, planar_arm
 from tests.helpers.urdfs import write_urdf as write_arm
 
@@ -490,14 +491,14 @@ def move():
     return find_plan().trajectory(**BRAKES)
 
 
-class Tensor(NamedTuple):
-    """As a tensor of Open3D."""
+class Tensor:
+    """As a tensor of Open3D, on another device."""
 
-    values: np.ndarray
+    def cpu(self):
+        """Return a copy in memory."""
+        return SimpleNamespace(numpy=lambda: POINTS)
 
-    def numpy(self):
-        """Return the values as an array."""
-        return self.values
+    numpy = None
 
 
 def make_graph():
@@ -715,9 +716,60 @@ KINDS = {
         MESH[0],
     ),
     "cells of a mesh": (
-        SimpleNamespace(cells=[], extract_surface=lambda: TRIANGLES),
+        SimpleNamespace(points_to_double=None, extract_surface=lambda: TRIANGLES),
         from_mesh,
         MESH[1],
+    ),
+    "cells with values": (
+        SimpleNamespace(extract_surface=None, threshold=lambda lowest: (lowest, TRIANGLES)),
+        from_mesh,
+        lambda made: made == (0.5, TRIANGLES),
+    ),
+    "blocks of meshes": (
+        SimpleNamespace(extract_surface=None, combine=lambda: TRIANGLES),
+        from_mesh,
+        MESH[1],
+    ),
+    "a mesh of several cells": (
+        SimpleNamespace(points=MESH[0], cells_dict={"triangle": MESH[1]}),
+        from_mesh,
+        MESH[1],
+    ),
+    "a box of points": (
+        SimpleNamespace(get_box_points=lambda: MESH[0]),
+        from_mesh,
+        lambda hull: hull.volume == 1.0 and hull.bounds.tolist() == [[-0.5] * 3, [0.5] * 3],
+    ),
+    "lines": (
+        SimpleNamespace(points=MESH[0], lines=[(0, 1)], get_line_coordinate=None),
+        from_mesh,
+        [[0, 1, 1]],
+    ),
+    "a variable of several": (
+        lambda _: xarray.Dataset({"cost": label(WALL, 0.1)}),
+        from_array,
+        lambda world: (world == WALL).all(),
+    ),
+    "a path of a plot": (
+        matplotlib.path.Path([*SQUARE, SQUARE[0]], closed=True),
+        lambda polygons: Workspace.from_polygons(polygons, 0.25),
+        covers(1.5),
+    ),
+    "a rectangle of a plot": (
+        matplotlib.patches.Rectangle((0.5, 0.5), 1.5, 1.0),
+        Robot.polygon,
+        covers(1.5),
+    ),
+    "a polygon of a plot": (matplotlib.patches.Polygon(SQUARE), add_zone, covers(1.5)),
+    "an arm that was loaded": (
+        lambda folder: yourdfpy.URDF.load(write_chain(folder, False)),
+        cspace.Arm.from_urdf,
+        lambda text: cspace.Arm.from_urdf(text).joints == ("j1",),
+    ),
+    "a map for a robot": (
+        lambda _: turning(),
+        lambda space: apart(Mover(space, (0.5, 0.5)), Mover("disc:0.1", (2.0, 0.5))),
+        lambda robot: robot.spec == turning().robot.spec,
     ),
     "a field of distances": (
         SimpleNamespace(extract_triangle_mesh=lambda: TRIANGLES),
@@ -725,20 +777,13 @@ KINDS = {
         MESH[1],
     ),
     "a mesh of tensors": (
-        SimpleNamespace(
-            vertex=SimpleNamespace(positions=Tensor(MESH[0])),
-            triangle=SimpleNamespace(indices=Tensor(MESH[1])),
-        ),
+        SimpleNamespace(vertex=None, cpu=None, to_legacy=lambda: TRIANGLES),
         from_mesh,
         MESH[1],
     ),
+    "a tensor": (Tensor(), from_points, POINTS),
     "a cloud with normals": (
         SimpleNamespace(points=POINTS, normals=POINTS),
-        from_points,
-        POINTS,
-    ),
-    "a cloud of tensors": (
-        SimpleNamespace(point=SimpleNamespace(positions=Tensor(POINTS)), to_legacy=lambda: None),
         from_points,
         POINTS,
     ),
@@ -774,18 +819,6 @@ KINDS = {
 """Value, or what makes it in a folder; a call that refuses it; what each call of its hint makes."""
 
 
-def list_calls(hint):
-    """Return the expressions that a hint names: of each way, the longest text that is one."""
-    calls = []
-    for way in hint.removeprefix("use ").split(", or "):
-        for end in range(len(way), 0, -1):
-            with suppress(SyntaxError):
-                ast.parse(way[:end].strip(), mode="eval")
-                calls.append(way[:end].strip())
-                break
-    return calls
-
-
 def refuse_kind(kind, folder):
     """Return the error of the call that refuses the value of a kind, and names for its hint."""
     value, refuse, *_ = KINDS[kind]
@@ -793,6 +826,7 @@ def refuse_kind(kind, folder):
         value = value(folder)
     names = {
         "cspace": cspace,
+        "name": "cost",
         "numpy": np,
         "scipy": scipy,
         "shapely": shapely,
@@ -802,6 +836,8 @@ def refuse_kind(kind, folder):
         "first": SimpleNamespace(motion=value, robot=getattr(value, "robot", None)),
         "zones": [value],
         "spacing": 0.25,
+        "lowest": 0.5,
+        "trimesh": trimesh,
     }
     with pytest.raises(cspace.CspaceError) as caught:
         refuse(value)

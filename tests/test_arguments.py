@@ -444,11 +444,14 @@ def raise_unsized(*_):
         (planners, "DiffDrive", "Differential"),
         (planners, "RRTConnect", "Search"),
         (planners, "SimpleSetup", "simple_setup"),
+        (Workspace, "from_octomap", "open"),
     ],
 )
 def test_a_name_of_another_package_is_answered_with_ours(owner, name, ours):
-    with pytest.raises(AttributeError, match=f"has no '{name}'; .*\\b{ours}\\b"):
+    with pytest.raises(AttributeError, match=f"has no '{name}'; .*\\b{ours}\\b") as caught:
         getattr(owner, name)
+    # Python looks for names that look alike there.
+    assert not [each for each in dir(caught.value.obj) if each.startswith("_")]
     assert hasattr(owner, ours) and not hasattr(owner, "_unknown")
 
 

@@ -94,7 +94,7 @@ def build_tiles(folder, **options):
     # Maps.
     (
         lambda _: build(FLOOR, CART).nearest_free([(1.0, 1.0), (1.0, 1.2)]),
-        "q has shape (2, 2) ... one configuration, shape (2,)",
+        "q has shape (2, 2) ... one configuration of 2 numbers",
     ),
     (
         lambda _: build(FLOOR, CART).add_obstacle("box", Robot.ball(0.3)),

@@ -31,8 +31,9 @@ TEMPORARY_NAME: Final = r"\.cspace-[0-9a-f]{12}(\..*)?"
 """Pattern of the names of outputs that are incomplete or being replaced."""
 
 BROUGHT: Final = (
-    ".3ds .3mf .blend .dcm .dxf .fbx .fgb .gml .gpkg .iges .kml .las .laz .mha .nc .nii .nrrd .off "
-    ".mjcf .pts .sdf .shp .step .svg .usd .x3d .xacro .xml .xyzrgb"
+    ".3ds .3mf .blend .dcm .dxf .e57 .fbx .fgb .gml .gpkg .ifc .iges .igs .kml .las .laz .mha .nc "
+    ".nii .nrrd .off .mjcf .pts .sdf .shp .step .stp .svg .tsdf .usd .usda .usdz .x3d .xacro .xml "
+    ".xyzrgb"
 )
 """Suffixes of formats that the page "Bring your file" names."""
 

@@ -143,7 +143,7 @@ class Ledger:
         list_names = getattr(value, "get_fields_and_field_types", tuple)
         slots = getattr(value, "__slots__", ())
         if dataclasses.is_dataclass(value):  # whose class variables are no fields
-            slots = [each.name for each in dataclasses.fields(value) if each.name[:2] != "__"]
+            slots = [each.name for each in dataclasses.fields(value)]
         names = [*(list_names() or slots), *known]
         return {name: getattr(value, name) for name in names if hasattr(value, name)} or None
 
@@ -305,14 +305,15 @@ class Ledger:
 
         Raises ContentError for such fields if the format refuses them.
         """
-        harmless = self.formats.harmless.split()
+        # Messages of rosbags say their own type.
+        harmless = {"__msgtype__", *self.formats.harmless.split()}
         known = self.formats.list_known()
         # What is known but only warned of is no better name.
         read = _list_names(self.formats.honoured + self.formats.refused)
         read = read.union(*(member.taken for member in self.members))
         ignored: dict[str, str] = {}
         for member in self.members:
-            for key in member.fields.keys() - member.taken - set(harmless):
+            for key in member.fields.keys() - member.taken - harmless:
                 if member.fields[key] is None:
                     continue
                 if UNKNOWN_FIELDS in self.formats.refused and key not in known:

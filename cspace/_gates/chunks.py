@@ -330,6 +330,8 @@ def certify_rows(
 ) -> Chunk:
     """Prove a chunk of targets; see :meth:`cspace.Gate.check_rows`."""
     starts, targets, is_batch = _check_chunk(space, q, rows, "rows", space.axes)
+    warn_of_large(starts, "rad", "q", space._angles)
+    warn_of_large(targets, "rad", "rows", space._angles)
     checks = list[RowCheck]()
     with np.errstate(all="ignore"):  # rows may hold any numbers
         firsts = np.concatenate([starts[:, np.newaxis], targets[:, :-1]], axis=1)
@@ -568,9 +570,6 @@ def _check_chunk(
             f"is {q!r}",
             "it must be where the robot is",
         )
-    warn_of_large(np.atleast_2d(points), "rad", "q", space._angles)
-    if columns == space.axes:
-        warn_of_large(chunks, "rad", name, space._angles)
     starts = np.repeat(points[np.newaxis], len(chunks), axis=0) if points.ndim == 1 else points
     return as_contiguous(starts), as_contiguous(chunks), array.ndim == 3
 

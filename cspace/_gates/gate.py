@@ -38,6 +38,7 @@ from cspace._support.check import (
     names_options,
 )
 from cspace._support.check import check_rows as check_columns
+from cspace._support.units import warn_of_large
 from cspace.errors import InputError
 
 GateState = Literal["go", "shortened", "hold"]
@@ -327,6 +328,7 @@ class Gate:
         asked = check_columns(twists, "twists", TWIST_NAMES)
         warn_of_twists(asked, "twists")
         chunk = self._certify(q, asked, before)
+        warn_of_large(chunk._tubes.starts, "rad", "q", self.space._angles)
         is_proven = np.arange(asked.shape[-2]) < np.asarray(chunk.proven)[..., np.newaxis]
         commands = np.where(is_proven[..., np.newaxis], asked, 0.0)
         return GatedCommands(commands, _name_state(chunk), chunk)
@@ -402,6 +404,7 @@ class Gate:
         for padded, ramp in zip(chunks, ramps, strict=True):
             padded[: len(ramp)] = ramp
         batch = self._certify(q, chunks)
+        warn_of_large(batch._tubes.starts, "rad", "q", self.space._angles)
         passes = np.array(batch.is_proven)
         leaves = np.zeros_like(passes)
         if leaving:

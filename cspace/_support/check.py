@@ -317,6 +317,7 @@ OTHER_NAMES: Final[Mapping[str, str]] = {
     "frompolygon": "polygon",
     "fromimage": "open",
     "frommap": "open",
+    "fromoctomap": "open",
     "load": "open",
     "read": "open",
     # Drives and planners.
@@ -362,11 +363,24 @@ def suggest_name(value: object, known: Collection[str]) -> str:
     return f"did you mean {names[similar[0]]!r}?" if similar else ""
 
 
+class _PublicNames:
+    """An owner of names whose private ones Python does not suggest."""
+
+    def __init__(self, owner: object) -> None:
+        """Keep the owner."""
+        self._owner = owner
+
+    def __dir__(self) -> list[str]:
+        """List the public names."""
+        return [name for name in dir(self._owner) if not name.startswith("_")]
+
+
 def make_name_error(owner: object, title: str, name: str, known: Collection[str]) -> AttributeError:
     """Make the error for a name that a package or a class lacks."""
     public = [each for each in known if not each.startswith("_")]
     hint = suggest_name(name, [*public, "planners.plan"]) or _list_names(public)
-    return AttributeError(f"{title} has no {name!r}; {hint}", name=name, obj=owner)
+    text = f"{title} has no {name!r}; {hint}"
+    return AttributeError(text, name=name, obj=_PublicNames(owner))
 
 
 _BY_PLACE: Final = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
@@ -378,7 +392,8 @@ def _refuse_name(owner: object, name: str) -> Any:
     kind = owner if isinstance(owner, type) else type(owner)
     # Packages probe values for names of theirs, and Python itself suggests names that look alike.
     if kind is not owner and name not in OTHER_NAMES:
-        raise AttributeError(f"{kind.__name__} has no {name!r}", name=name, obj=owner)
+        text = f"{kind.__name__} has no {name!r}"
+        raise AttributeError(text, name=name, obj=_PublicNames(owner))
     raise make_name_error(owner, kind.__name__, name, dir(kind))
 
 
@@ -650,22 +665,14 @@ def check_pairs(edges: ArrayLike, vertices: Floats) -> Ints:
     return pairs.astype(np.int64, copy=False)
 
 
-_OTHER_ARRAYS: Final = {
-    "getbands": "its rows count from the top, and black is 0, unlike cells",  # an image of Pillow
-    "todense": "it must have a value for each cell",  # a sparse array
-    "columns": "its labels are not read",  # a table
-    "data_vars": "its labels are not read",  # a Dataset of xarray
-}
-"""Attributes of what is no array of cells, with the rule that it breaks."""
-
-
 def check_kind(array: Any, name: str) -> None:
     """Raise InputError for what converts to an array, but has other rows, labels or gaps."""
     check_unmasked(array, name)
-    for attribute, rule in _OTHER_ARRAYS.items():
-        if hasattr(array, attribute):
-            raise make_kind_error(array, name, rule)
-    if list_columns(array):
+    if "image" in type(array).__name__.lower():  # of Pillow, Open3D, SimpleITK
+        raise make_kind_error(array, name, "cells are an array indexed [x, y], 1 if occupied")
+    if hasattr(array, "todense"):  # a sparse array
+        raise make_kind_error(array, name, "it must have a value for each cell")
+    if list_columns(array) or hasattr(array, "columns") or hasattr(array, "data_vars"):
         raise make_kind_error(array, name, "its labels are not read")
 
 
@@ -705,7 +712,8 @@ def check_cells(values: ArrayLike, name: str) -> Bools:
     if array.dtype.kind == "f":
         check_finite(array, name)
     if array.dtype.kind not in "biu":
-        raise InputError(name, f"has dtype {array.dtype}", "cells must be boolean")
+        problem, rule = f"has dtype {array.dtype}", "cells must be boolean"
+        raise InputError(name, problem, rule, suggest_call(values, name))
     is_boolean = array.dtype.kind == "b"
     if not is_boolean:
         _check_zeros_and_ones(array, name)

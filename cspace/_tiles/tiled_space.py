@@ -244,7 +244,12 @@ class TiledCSpace(ConfigurationMap):
     def _write_clearances(self, rows: Floats, out: Floats) -> int:
         # Cells beyond the halo of a tile count as not FREE, and a clearance may be two cells too
         # small. So a value above the halo less two cells would depend on the tile.
-        bad = self._query_parts(CSpace.clearance, rows, out, self._folder.halo - 1)
+        def measure(space: CSpace, points: Floats) -> Floats:
+            clearances = np.empty(len(points))
+            space._write_clearances(points, clearances)
+            return clearances
+
+        bad = self._query_parts(measure, rows, out, self._folder.halo - 1)
         np.minimum(out, (self._folder.halo - 2) * self.grid.spacing, out=out)
         return bad
 
@@ -315,12 +320,17 @@ class TiledCSpace(ConfigurationMap):
         See :meth:`cspace.CSpace.nearest_free`.
         """
         grid = self.grid
-        point = self._check_configurations(q)
+        point = self.check_configuration(q, "q")
         center = np.clip(point[: grid.dim], grid.lower, grid.upper)
         # Maximum distance along an axis at which :meth:`TiledCSpace.nearest_free` searches, in
         # cells.
         reach = grid.spacing * np.minimum(0.5 * np.array(self.tile), 512)
         return self.window(center - reach, center + reach).nearest_free(point)
+
+    def path_obstacle_distance(self, path: ArrayLike) -> float:
+        """Return NaN, because the geometry of a tiled map is not asked."""
+        self._check_configurations(path, "path")
+        return math.nan
 
     # ---- parts -----------------------------------------------------------------------
 

@@ -431,6 +431,16 @@ def write_geopackage():
     return shapely.union_all(shapes)
 
 
+def write_geojson_of_degrees():
+    """Write the walls in longitude and latitude."""
+    import geopandas
+
+    frame = geopandas.GeoSeries([shapely.box(*wall) for wall in WALLS], crs="EPSG:32632")
+    frame = frame.translate(500_000.0, 5_400_000.0).to_crs("EPSG:4326")
+    frame.to_file("site.gpkg", driver="GeoJSON", COORDINATE_PRECISION=9)
+    return shapely.affinity.translate(PLAN, -1.0, -0.5)
+
+
 def write_site(names=("A", "A"), systems=("EPSG:32632", "EPSG:32632"), shift=(5e5, 5.4e6)):
     """Write a layer of a name for each wall."""
     import geopandas
@@ -963,7 +973,7 @@ FORMS = {
     "site.gpkg": (
         *(write_geopackage, write_kml, write_layers, write_folders_of_one_name),
         *(write_site_of_metres, write_site_of_named_metres, write_layers_of_two_systems),
-        *(write_site_of_lines,),
+        *(write_site_of_lines, write_geojson_of_degrees),
     ),
     "plan.dxf": (
         *(write_dxf_of_outlines, write_dxf_of_blocks, write_dxf_of_hidden_parts),

@@ -13,6 +13,7 @@ import trimesh
 
 import cspace
 from cspace import InputError, Workspace
+from tests.helpers.refusals import list_calls
 
 # What packages warn of as their objects are made, or read, fails no hint.
 pytestmark = pytest.mark.filterwarnings("default")
@@ -61,6 +62,48 @@ def make_quads_and_triangles():
     return pyvista.merge([pyvista.Cube(bounds=BOUNDS), inner]).extract_surface()
 
 
+def make_lines():
+    """Return the edges of the box."""
+    return make_open3d().geometry.LineSet.create_from_triangle_mesh(make_triangles())
+
+
+def make_box(kind):
+    """Return a maker of a bounding box of the box."""
+    return lambda: getattr(make_triangles(), f"get_{kind}_bounding_box")()
+
+
+def make_tensors(name, make):
+    """Return a maker of an object in tensors."""
+    return lambda: getattr(make_open3d().t.geometry, name).from_legacy(make())
+
+
+def make_cells(name):
+    """Return a maker of a grid of cells of 0.25 m, of which the last ones hold the box."""
+    sides = [np.arange(0.0, upper + 0.01, 0.25) for upper in UPPER]
+
+    def make():
+        pyvista = pytest.importorskip("pyvista")
+        if name == "ImageData":
+            grid = pyvista.ImageData(dimensions=[len(side) for side in sides], spacing=(0.25,) * 3)
+        else:
+            grid = pyvista.RectilinearGrid(*sides)
+        grid.cell_data["cost"] = (grid.cell_centers().points > LOWER).all(axis=1)
+        return grid
+
+    return make
+
+
+def make_curves():
+    """Return the box as one cell of curved coordinates."""
+    sides = np.meshgrid(*np.transpose([LOWER, UPPER]), indexing="ij")
+    return pytest.importorskip("pyvista").StructuredGrid(*sides)
+
+
+def make_blocks():
+    pyvista = pytest.importorskip("pyvista")
+    return pyvista.MultiBlock([pyvista.Cube(bounds=BOUNDS)])
+
+
 def make_tree():
     tree = pytest.importorskip("octomap").OcTree(0.25)
     for point in np.ndindex(2, 3, 2):
@@ -99,19 +142,29 @@ def read_shapes(value):
 
 OBJECTS = {
     "Open3D, triangles": (make_triangles, read_mesh, 0.0),
+    "Open3D, lines": (make_lines, read_mesh, 0.0),
+    "Open3D, box": (make_box("axis_aligned"), read_mesh, 0.0),
+    "Open3D, turned box": (make_box("oriented"), read_mesh, 1e-3),
+    "Open3D, tensor": (lambda: make_open3d().core.Tensor(POINTS), read_points, 0.02),
     "Open3D, triangles of tensors": (
-        lambda: make_open3d().t.geometry.TriangleMesh.from_legacy(make_triangles()),
+        make_tensors("TriangleMesh", make_triangles),
+        *(read_mesh, 0.0),
+    ),
+    "Open3D, lines of tensors": (make_tensors("LineSet", make_lines), read_mesh, 0.0),
+    "Open3D, box of tensors": (
+        make_tensors("AxisAlignedBoundingBox", make_box("axis_aligned")),
         *(read_mesh, 0.0),
     ),
     "Open3D, points": (make_cloud, read_points, 0.02),
-    "Open3D, points of tensors": (
-        lambda: make_open3d().t.geometry.PointCloud.from_legacy(make_cloud()),
-        *(read_points, 0.02),
-    ),
+    "Open3D, points of tensors": (make_tensors("PointCloud", make_cloud), read_points, 0.02),
     "Open3D, voxels": (make_voxels, read_cells, 0.1),
     "pyvista, quads": (make_pyvista("Cube", bounds=BOUNDS), read_mesh, 0.0),
     "pyvista, quads and triangles": (make_quads_and_triangles, read_mesh, 0.0),
     "pyvista, points": (make_pyvista("PolyData", POINTS), read_points, 0.02),
+    "pyvista, cells": (make_cells("ImageData"), read_mesh, 0.0),
+    "pyvista, cells of several sizes": (make_cells("RectilinearGrid"), read_mesh, 0.0),
+    "pyvista, cells of curves": (make_curves, read_mesh, 0.0),
+    "pyvista, blocks": (make_blocks, read_mesh, 0.0),
     "octomap, tree": (make_tree, read_points, 0.0),
     "polars, lazy table": (make_table("polars"), read_points, 0.02),
     "duckdb, relation": (make_table("duckdb"), read_points, 0.02),
@@ -119,24 +172,30 @@ OBJECTS = {
 """Maker of an object, the call that refuses it, and by how much the world may be larger."""
 
 
-def follow(message, name, value):
-    """Return what the calls of a hint make of a value, one after the other."""
-    names = {"cspace": cspace, "np": np, name: value, "spacing": 0.05, "radius": 0.02}
-    for statement in re.split(r"; |, or (?=\w+\.)", message.partition("; use ")[2]):
-        with contextlib.suppress(InputError):  # an alternative for another kind of object
-            yield eval(re.sub(" (for a cloud|reads it)$", "", statement) or "None", names)
+def follow(value, read):
+    """Yield the worlds that a call makes of a value, or of what its hint makes of it."""
+    if isinstance(value, Workspace):
+        yield value
+        return
+    try:
+        yield read(value)
+    except InputError as error:
+        names = {"cspace": cspace, "trimesh": trimesh, error.argument: value}
+        names |= {"spacing": 0.05, "lowest": 0.5}
+        for part in error.hint.split("; "):
+            for call in list_calls(part):
+                with contextlib.suppress(InputError):  # an alternative for another kind of object
+                    yield from follow(eval(call, names), read)
 
 
 @pytest.mark.parametrize("kind", OBJECTS)
 def test_a_hint_for_an_object_leads_into_its_world(kind, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     make, read, slack = OBJECTS[kind]
-    value, worlds = make(), []
-    with pytest.raises(InputError) as caught:
+    value = make()
+    with pytest.raises(InputError):
         read(value)
-    for found in follow(str(caught.value), caught.value.argument, value):
-        with contextlib.suppress(InputError):  # of a cloud where a mesh is needed
-            worlds.append(found if isinstance(found, Workspace) else read(found))
+    worlds = list(follow(value, read))
     assert worlds
     for world in worlds:
         places = np.argwhere(world.outer) * world.grid.spacing + world.grid.lower

@@ -20,6 +20,7 @@ import zarr
 from matplotlib import pyplot
 from PIL import Image
 
+import cspace
 from cspace._cli.demo import write_inputs
 from cspace.plot import animate
 from cspace.plot._picture import save_figure
@@ -98,6 +99,7 @@ def test_the_code_of_a_page_runs(page, tmp_path, monkeypatch):
     monkeypatch.setattr("cspace.plot.animate", partial(animate, seconds=0.5))
     monkeypatch.setattr("cspace.plot._picture.save_figure", save_small)
     monkeypatch.setattr("planners.plan", plan_briefly)
+    monkeypatch.setattr("matplotlib.pyplot.show", lambda: pyplot.close("all"))
     monkeypatch.setattr(
         "matplotlib.layout_engine.ConstrainedLayoutEngine.execute", lambda engine, figure: None
     )
@@ -241,3 +243,39 @@ def test_the_examples_of_docstrings_run(module, tmp_path, monkeypatch):
     failed, tried = doctest.testmod(import_module(module))
     assert tried
     assert not failed
+
+
+def write_map(folder, pixels, **changed):
+    """Write a ROS map of cells of 0.05 m, whose image has rows from the top."""
+    Image.fromarray(pixels.astype(np.uint8)).save(folder / "room.pgm")
+    fields = {"image": "room.pgm", "resolution": 0.05, "origin": [-4.0, -3.0, 0.0], "negate": 0}
+    fields |= {"occupied_thresh": 0.65, "free_thresh": 0.196} | changed
+    (folder / "room.yaml").write_text(json.dumps(fields))
+
+
+ROOM = np.full((120, 160), 254)
+ROOM[[0, -1], :] = ROOM[:, [0, -1]] = ROOM[30:, 78:82] = 0
+"""A room of 8 m by 6 m, with a wall that leaves 1.5 m at the top."""
+
+
+@pytest.mark.parametrize(
+    "pixels, changed, found",
+    [
+        (ROOM, {}, True),
+        (254 - ROOM, {"negate": 1}, True),
+        (ROOM, {"mode": "scale"}, True),
+        # The image turns about the origin, its lower left corner.
+        (ROOM, {"origin": [-4.0, 3.0, -np.pi / 2]}, False),
+        (np.where(np.arange(120)[:, None] < 30, 205, ROOM), {}, False),  # unknown above the wall
+        (np.where(np.arange(120)[:, None] < 30, 0, ROOM), {}, False),
+    ],
+)
+def test_a_plan_on_a_ros_map_heeds_what_the_map_says(pixels, changed, found, tmp_path):
+    write_map(tmp_path, pixels, **changed)
+    read = runpy.run_module("examples.readers.ros_map")["plan_on_map"]
+    if found:
+        path = read(str(tmp_path / "room.yaml"), (-3.0, -2.0), (3.0, -2.0))
+        assert path.certified and path.path[:, 1].max() > 1.6
+    else:
+        with pytest.raises((SystemExit, cspace.InputError)):
+            read(str(tmp_path / "room.yaml"), (-3.0, -2.0), (3.0, -2.0))

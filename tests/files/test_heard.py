@@ -337,9 +337,10 @@ def space():
     return build_empty((9, 9), Robot.disc(0.1), rotations=8)
 
 
-def test_class_variables_of_messages_are_no_fields(space):
-    read = cspace.ros.configuration_of
-    assert list_warnings(read, Stamped(Header("map"), POSE), space) == []
+def test_types_of_messages_are_no_fields(space):
+    message = {"header": {"frame_id": "map", "__msgtype__": "std_msgs/msg/Header"}, "pose": POSE}
+    for each in (message, Stamped(Header("map"), POSE)):
+        assert list_warnings(cspace.ros.configuration_of, each, space) == []
 
 
 # ---- parts that move, and hostile repetitions ----------------------------------------------------

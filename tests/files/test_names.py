@@ -76,16 +76,56 @@ WORDS = {
     ".shp": "Shapefile",
     ".gpkg": "GeoPackage",
 }
-WORDS |= {".fgb": "FlatGeobuf", ".blend": "Blender"}
+WORDS |= {".fgb": "FlatGeobuf", ".blend": "Blender", ".igs": "IGES", ".stp": "STEP"}
+WORDS |= {".usda": "USD", ".usdz": "USD"}
 """Names of formats that their suffixes do not tell."""
 
 
+PAGE = (ROOT / "docs/howto/bring_your_file.md").read_text(encoding="utf-8")
+HEADINGS = re.findall(r"^(?:## |\*\*|\| )(.+)", PAGE, re.MULTILINE)
+"""Beginnings of the parts of the page "Bring your file", and rows of its tables."""
+
+LED_TO = {
+    "_support/limits.py": ["OFF, and meshes in millimetres"],
+    "_support/kinds.py": [
+        "A `LaserScan`",
+        "a building of Open-RMF",
+        "A picture that is already an array, MHA, DXF, LAS, Open3D's `Octree`, MJCF, a URDF that",
+        "Rows of 0 and 1 in JSON",
+    ],
+    "_files/crs.py": ["Shapefile, GeoPackage", *["degrees of longitude and latitude in"] * 3],
+    "_files/images.py": ["A GeoTIFF of costs"],
+    "_files/point_clouds.py": [*["A map drawn in a text file"] * 2, "PCD of compressed data"],
+    "_files/rasters.py": ["A netCDF of costs"],
+    "_files/unit_notes.py": ["OFF, and meshes in millimetres"],
+    "arms/_reading/urdf.py": ["MJCF, SDF, USD", "`.xacro`"],
+}
+"""What the page says of each value or file, from whose refusal a module leads to the page."""
+
+
+def has_heading(words):
+    """Return True if a part or row of the page begins with words, or names them first."""
+    pattern = rf"(?i)^.{{,60}}(?<!\w){re.escape(words)}"
+    return any(re.search(pattern, heading.partition(" | ")[0]) for heading in HEADINGS)
+
+
+def test_a_hint_leads_to_a_heading_of_the_page():
+    found = {}
+    for file in (ROOT / "cspace").rglob("*.py"):
+        uses = re.findall(r"^(?!from).*\b_?BRING_YOUR_FILE\b(?!: )", file.read_text(), re.MULTILINE)
+        if uses and file.name != "access.py":  # whose suffixes are followed below
+            found[str(file.relative_to(ROOT / "cspace"))] = len(uses)
+    assert found == {name: len(headings) for name, headings in LED_TO.items()}
+    headings = {
+        each for several in LED_TO.values() for words in several for each in words.split(", ")
+    }
+    assert [words for words in headings if not has_heading(words)] == []
+
+
 def test_a_refusal_leads_to_the_page_only_for_formats_that_the_page_names(tmp_path):
-    page = (ROOT / "docs/howto/bring_your_file.md").read_text(encoding="utf-8")
     for suffix in BROUGHT.split():
-        name = WORDS.get(suffix, suffix[1:])
-        assert re.search(rf"\b{name}\b", page, re.IGNORECASE), suffix
-    for suffix in (".ifc", ".e57", ".osm", ".vtk", ".vxblx", ".blob", ""):
+        assert has_heading(WORDS.get(suffix, suffix[1:])), suffix
+    for suffix in (".osm", ".vtk", ".vxblx", ".blob", ""):
         with pytest.raises(InputError, match="the suffix selects the format") as refused:
             Workspace.open(tmp_path / f"scene{suffix}", spacing=0.1)
         assert not refused.value.hint

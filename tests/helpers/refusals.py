@@ -1,8 +1,10 @@
 """Tables of refused calls and files, and their messages."""
 
+import ast
 import json
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -35,3 +37,15 @@ def write(folder: Path, name: str, content: Any) -> Path:
         content = json.dumps(content, default=list)
     (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
     return folder / name
+
+
+def list_calls(hint: str) -> list[str]:
+    """Return the expressions that a hint names: of each way, the longest text that is one."""
+    calls = []
+    for way in hint.removeprefix("use ").split(", or "):
+        for end in range(len(way), 0, -1):
+            with suppress(SyntaxError):
+                ast.parse(way[:end].strip(), mode="eval")
+                calls.append(way[:end].strip())
+                break
+    return calls

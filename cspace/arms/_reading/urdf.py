@@ -306,7 +306,9 @@ def name_description(source: object) -> str:
     """Return the file of a URDF or SRDF, or a name for a text."""
     if not isinstance(source, str | os.PathLike):
         rule = "it must be a file name, or the text of the file"
-        raise InputError("path", f"is a {type(source).__name__}", rule)
+        is_loaded = hasattr(source, "write_xml_string")  # by yourdfpy
+        hint = "use path.write_xml_string().decode()" if is_loaded else ""
+        raise InputError("path", f"is a {type(source).__name__}", rule, hint)
     text = str(source)
     return "robot_description" if text.lstrip().startswith("<") else text
 
