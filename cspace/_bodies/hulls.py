@@ -247,7 +247,9 @@ def wrap_convex(triangles: Floats) -> Hulls | None:
         return None
     half_sides = 0.5 * (upper - lower)
     box = [*(0.5 * (lower + upper)), *half_sides, np.linalg.norm(half_sides), 0.0, 0.0]
-    return _make_node(np.array([box]), corners)
+    # A body that fills its box stores no corners, because those of the box are found sooner.
+    fills_box = len(corners) == 8 and ((corners == lower) | (corners == upper)).all()
+    return _make_node(np.array([box]), corners[:0] if fills_box else corners)
 
 
 def _make_node(box: Floats, corners: Floats) -> Hulls:

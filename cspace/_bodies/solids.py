@@ -21,7 +21,7 @@ from cspace._bodies.crossings import (
     distinct_rows,
     pack_boxes,
 )
-from cspace._bodies.hulls import Hulls, build_hulls, wrap_convex
+from cspace._bodies.hulls import Hulls, build_hulls, node_corners, wrap_convex
 from cspace._shapes import ExactShape, Shape
 from cspace._shapes.mesh import Mesh
 from cspace._support.arrays import Floats, Ints
@@ -128,7 +128,7 @@ class Part:
         if self.is_filled:
             return np.empty((0, 3))
         if len(self.hulls.nodes) == 1:
-            return self.hulls.corners.T[:1]
+            return node_corners(self.hulls, 0)[0][:1]
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 

@@ -23,6 +23,7 @@ from cspace._record.cells import Map
 from cspace._rotations.lookup import matrix_rows, rotation_along
 from cspace._support.arrays import BLOCKED, FREE, Floats, Ints, Row
 from cspace._support.compiling import internal, kernel
+from cspace._support.records import keep
 from cspace._support.vectors import Matrix, dot, minus, row_at
 
 
@@ -74,11 +75,12 @@ class Scratch(NamedTuple):
 
 def make_scratch() -> Scratch:
     """Allocate scratch memory."""
-    return Scratch(
+    scratch = Scratch(
         parts=np.empty((MAX_PENDING_PARTS, 2)),
         node_pairs=np.full((MAX_PENDING_PAIRS, 2), -1),
         measured=np.zeros(1, dtype=np.int64),
     )
+    return keep(scratch)
 
 
 @internal
