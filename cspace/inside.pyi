@@ -23,9 +23,6 @@ from ._bodies.cones import Cones as Cones
 from ._bodies.cones import move_into_cones as move_into_cones
 from ._bodies.cones import stays_in_cones as stays_in_cones
 from ._bodies.cores import Cores as Cores
-from ._bodies.crossings import CENTER as CENTER
-from ._bodies.crossings import HALF_SIDES as HALF_SIDES
-from ._bodies.crossings import SurfaceTree as SurfaceTree
 from ._bodies.crossings import joint_displacement as joint_displacement
 from ._bodies.crossings import piece_depth as piece_depth
 from ._bodies.hulls import node_corners as node_corners
@@ -52,6 +49,9 @@ from ._bodies.motion_proofs import motion_is_free as motion_is_free
 from ._bodies.motion_proofs import motions_are_free as motions_are_free
 from ._bodies.motion_proofs import winding_number as winding_number
 from ._bodies.motion_proofs import write_axes as write_axes
+from ._bodies.part_trees import CENTER as CENTER
+from ._bodies.part_trees import HALF_SIDES as HALF_SIDES
+from ._bodies.part_trees import SurfaceTree as SurfaceTree
 from ._bodies.scenes import PackedParts as PackedParts
 from ._bodies.scenes import make_inner_scene as make_inner_scene
 from ._bodies.scenes import make_scene as make_scene

@@ -35,16 +35,15 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace._bodies import box_trees
-from cspace._bodies.crossings import (
+from cspace._bodies.crossings import CHORD, joint_displacement
+from cspace._bodies.part_trees import (
     BALL,
     CENTER,
-    CHORD,
     HALF_SIDES,
     RADIUS,
     PartTree,
     distinct_rows,
     half_axes,
-    joint_displacement,
 )
 from cspace._support import vectors
 from cspace._support.arrays import Bools, Floats, Ints, Row
@@ -309,7 +308,7 @@ def _list_row_corners(rows: Floats) -> tuple[Floats, Ints]:
     """List the corners of all rows of a tree.
 
     Returns the corners, shape (m, 3), and the index of the first corner of each row, shape (n +
-    1,). ``rows``, shape (n, 10), are :attr:`cspace._bodies.crossings.PartTree.triangles`.
+    1,). ``rows``, shape (n, 10), are :attr:`cspace._bodies.part_trees.PartTree.triangles`.
     Triangles have three corners, balls one, boxes eight, and axis-aligned boxes none.
     """
     is_box = rows[:, RADIUS] < 0.0  # boxes are marked by the sign

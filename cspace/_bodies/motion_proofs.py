@@ -39,21 +39,16 @@ from cspace._bodies.chain import (
 from cspace._bodies.cones import NO_CONES, Cones, stays_in_cones
 from cspace._bodies.crossings import (
     AXIS_POINT,
-    CENTER,
     CHORD,
     DIRECTION,
-    HALF_SIDES,
-    LEVER,
-    RADIUS,
     TRANSLATION,
-    PartTree,
-    SurfaceTree,
     crosses,
     find_near_leaves,
     joint_displacement,
     pierces,
 )
 from cspace._bodies.hulls import BALL_RADIUS, Hulls, RelativeMotion, tree_slack
+from cspace._bodies.part_trees import CENTER, HALF_SIDES, LEVER, RADIUS, PartTree, SurfaceTree
 from cspace._support import vectors
 from cspace._support.addresses import Address, call, find_address
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Row
@@ -312,8 +307,10 @@ def count_free_motions(
     written to the scene, which must be the thread's own.
     """
     for chunk in range(len(starts)):
-        scene.padding[:] = paddings[chunk]
-        scene.cones.tolerances[:] = tolerances[chunk]
+        for pair in range(len(scene.padding)):
+            scene.padding[pair] = paddings[chunk, pair]
+        for cone in range(len(scene.cones.tolerances)):
+            scene.cones.tolerances[cone] = tolerances[chunk, cone]
         wanted = counts[chunk]
         counts[chunk] = 0
         start = starts[chunk]

@@ -18,9 +18,9 @@ import numpy as np
 
 from cspace._bodies import DISTANCE_ROUNDING
 from cspace._bodies.box_trees import FIRST_ITEM, find_nearest
-from cspace._bodies.crossings import SurfaceTree
 from cspace._bodies.hulls import node_corners
 from cspace._bodies.motion_proofs import find_proof, winding_number
+from cspace._bodies.part_trees import RADIUS, SurfaceTree
 from cspace._bodies.parts import as_triangles, part_anchors, sort_by_part
 from cspace._bodies.scenes import NO_SURFACE
 from cspace._bodies.solids import Part
@@ -47,10 +47,7 @@ from cspace._exact.rigid import (
     rigid_arc_is_free,
     rigid_slack,
 )
-from cspace._exact.segment_proofs import (
-    RADIUS,
-    build_trees,
-)
+from cspace._exact.segment_proofs import build_trees
 from cspace._grid import MAX_COORDINATE
 from cspace._queries.batches import as_contiguous
 from cspace._queries.edges import edges_are_free
@@ -304,17 +301,13 @@ class BoundaryProofs(ABC):
 
     @abstractmethod
     def _write_states(
-        self, map_: Map, inputs: ProofInputs, q0: Floats, q1: Floats, out: States
+        self, map_: Map, required: float, q0: Floats, q1: Floats, out: States
     ) -> None:
         """Write the states of edges, shapes (n, size), to ``out``; see `edge_state`."""
 
     @abstractmethod
     def _bound_slack(
-        self,
-        boundaries: Any,
-        positions: Floats,
-        matrices: Floats,
-        spans: Floats,
+        self, required: float, positions: Floats, matrices: Floats, spans: Floats
     ) -> tuple[float, list[tuple[Floats, float]]]:
         """Bound (distance - required distance) along a path; see `path_slack`.
 
@@ -387,18 +380,15 @@ class BoundaryProofs(ABC):
 
         The robot is grown by ``growth``, metres, of which cells prove nothing.
         """
-        map_, inputs = self._map, self._inputs
-        if growth > 0.0:
-            boundaries = self.boundaries
-            required = boundaries.required + boundaries.scale * growth
-            grown = boundaries._replace(required=required)
-            map_, inputs = hide_cells(map_), keep(inputs._replace(boundaries=grown))
+        boundaries = self.boundaries
+        required = boundaries.required + boundaries.scale * growth
+        map_ = hide_cells(self._map) if growth > 0.0 else self._map
         states = np.empty(len(q0), dtype=np.uint8)
 
         def prove_chunk(start: int, stop: int) -> int:
             """Write the states of some edges; -1 means that none is invalid."""
             chunk = slice(start, stop)
-            self._write_states(map_, inputs, q0[chunk], q1[chunk], states[chunk])
+            self._write_states(map_, required, q0[chunk], q1[chunk], states[chunk])
             return -1
 
         # Edges below which a second thread costs more than it saves.
@@ -438,12 +428,11 @@ class BoundaryProofs(ABC):
         rotation angles, shape (n,).
         """
         boundaries = self.boundaries
-        scale = boundaries.scale
-        boundaries = boundaries._replace(required=boundaries.required - scale * self._unsure)
+        required = boundaries.required - boundaries.scale * self._unsure
         positions, matrices = self._place_robot(points)
         # Largest displacement of a point of the robot from its place at the midpoint.
-        spans = 0.5 * (lengths + boundaries.max_lever / scale * angles)
-        slack, _ = self._bound_slack(boundaries, positions, matrices, spans)
+        spans = 0.5 * (lengths + boundaries.max_lever / boundaries.scale * angles)
+        slack, _ = self._bound_slack(required, positions, matrices, spans)
         return float(slack)
 
     def find_closest(self, q: Floats, distance: float) -> Closest:
@@ -454,8 +443,8 @@ class BoundaryProofs(ABC):
         boundaries = self.boundaries
         positions, matrices = self._place_robot(q[np.newaxis])
         # Without the margin, the search does not end at a pair of triangles within it.
-        bare = boundaries._replace(required=boundaries.required - boundaries.scale * self._margin)
-        slack, nearest = self._bound_slack(bare, positions, matrices, np.zeros(1))
+        required = boundaries.required - boundaries.scale * self._margin
+        slack, nearest = self._bound_slack(required, positions, matrices, np.zeros(1))
         if not nearest:
             raise InputError("obstacles", "are none", "there is nothing to touch")
         (robot, radius), (obstacle, obstacle_radius) = nearest
@@ -563,23 +552,20 @@ class PlaneProofs(BoundaryProofs):
         return keep(boundaries)
 
     def _write_states(
-        self, map_: Map, inputs: ProofInputs, q0: Floats, q1: Floats, out: States
+        self, map_: Map, required: float, q0: Floats, q1: Floats, out: States
     ) -> None:
         """Write the states of edges."""
-        prove_edges(map_, inputs, make_scratch(), None, None, q0, q1, out)
+        scratch = make_scratch()
+        prove_edges(map_, self._inputs, required, scratch, None, None, q0, q1, out)
 
     def _bound_slack(
-        self,
-        boundaries: Any,
-        positions: Floats,
-        matrices: Floats,
-        spans: Floats,
+        self, required: float, positions: Floats, matrices: Floats, spans: Floats
     ) -> tuple[float, list[tuple[Floats, float]]]:
         """Bound the slack along a path, and find the nearest segments."""
-        scale = boundaries.scale
+        scale, trees = self.boundaries.scale, self.boundaries.trees
         pairs = make_scratch().node_pairs
-        slack = path_slack(keep(boundaries), scale * positions, matrices, scale * spans, pairs)
-        trees = self.boundaries.trees
+        path = scale * positions, matrices, scale * spans
+        slack = path_slack(self.boundaries, required, *path, pairs)
         found = (
             [] if pairs[0, 0] < 0 else trees.triangles[trees.spans[pairs[0], FIRST_ITEM]] / scale
         )
@@ -640,23 +626,19 @@ class SolidProofs(BoundaryProofs):
         return find_proof(self.boundaries.scene)
 
     def _write_states(
-        self, map_: Map, inputs: ProofInputs, q0: Floats, q1: Floats, out: States
+        self, map_: Map, required: float, q0: Floats, q1: Floats, out: States
     ) -> None:
         """Write the states of edges."""
         scratch = self._take_scratch()
-        prove_edges(map_, inputs, None, self._prove, scratch, q0, q1, out)
+        prove_edges(map_, self._inputs, required, None, self._prove, scratch, q0, q1, out)
         self._spare_scratch.append(scratch)
 
     def _bound_slack(
-        self,
-        boundaries: Any,
-        positions: Floats,
-        matrices: Floats,
-        spans: Floats,
+        self, required: float, positions: Floats, matrices: Floats, spans: Floats
     ) -> tuple[float, list[tuple[Floats, float]]]:
         """Bound the slack along a path, and find the nearest hulls."""
         scratch = self._take_scratch()
-        slack = rigid_slack(boundaries.required, positions, matrices, spans, scratch)
+        slack = rigid_slack(required, positions, matrices, spans, scratch)
         hulls = self.boundaries.scene.solids.hulls
         nodes = scratch.memory.nodes[0].tolist()
         nearest = [node_corners(hulls, node) for node in nodes if nodes[0] >= 0]
@@ -721,6 +703,7 @@ def _contain_any(shape: ExactShape, bounds: tuple[Floats, Floats], points: Float
 def prove_edges(
     map_: Map,
     inputs: ProofInputs,
+    required: float,
     plane: Scratch | None,
     prove: Address | None,
     solid: RigidScratch | None,
@@ -735,13 +718,14 @@ def prove_edges(
     for k in range(first.shape[0]):
         p0, r0 = configuration_in(map_, first, k)
         p1, r1 = configuration_in(map_, second, k)
-        out[k] = edge_state(map_, inputs, plane, prove, solid, p0, r0, p1, r1)
+        out[k] = edge_state(map_, inputs, required, plane, prove, solid, p0, r0, p1, r1)
 
 
 @internal
 def edge_state(
     map_: Map,
     inputs: ProofInputs,
+    required: float,
     plane: Scratch | None,
     prove: Address | None,
     solid: RigidScratch | None,
@@ -771,7 +755,6 @@ def edge_state(
     # Hulls take longest to tell that a point of an obstacle is inside the robot.
     if solid is not None and contains_anchor(map_, inputs, p0, r0, p1, r1, solid.memory.nodes):
         return BLOCKED
-    required = boundaries.required
     if plane is not None:  # in space, the proof adds it
         required += 2.0 * DISTANCE_ROUNDING * boundaries.scale * coordinates
         plane.measured[0] = 0

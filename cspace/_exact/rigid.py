@@ -17,7 +17,6 @@ import numpy as np
 
 from cspace._bodies import DISTANCE_ROUNDING, MIN_ADVANCE
 from cspace._bodies.chain import forward_kinematics, make_floating_chain
-from cspace._bodies.crossings import Triangles
 from cspace._bodies.motion_proofs import (
     NO_MOTION,
     ArmScene,
@@ -100,9 +99,9 @@ class BoundaryPart(Part):
     pieces: RoundedSimplices
 
     @cached_property
-    def boundary(self) -> Triangles:
+    def boundary(self) -> RoundedSimplices:
         """The pieces as triangles."""
-        return Triangles(*as_triangles([self.pieces]))
+        return as_triangles([self.pieces])
 
     @cached_property
     def surface(self) -> tuple[Floats, Ints]:

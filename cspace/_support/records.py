@@ -22,6 +22,12 @@ from numba.np.arrayobj import make_array, populate_array
 
 R = TypeVar("R", bound=tuple[Any, ...])
 
+# Numba has no hints for these.
+_Tuple: Final[Any] = types.BaseTuple
+_typeof: Final[Any] = numba.typeof
+_make_array: Final[Any] = make_array
+_populate_array: Final[Any] = populate_array
+
 WORD_BYTES: Final = 8
 """Bytes of a number in the memory of a kept record."""
 
@@ -63,7 +69,7 @@ class _Kept:
         # Numba's own key of types is a hundred times as fast as the types.
         key = compute_fingerprint(record)
         if key not in _types:
-            _types[key] = RecordType(numba.typeof(record))
+            _types[key] = RecordType(_typeof(record))
         self._numba_type_ = _types[key]
 
     def __getattr__(self, name: str) -> Any:
@@ -87,8 +93,7 @@ def _release(value: Any) -> Any:
     """Return a record without kept records in it, so that all of its kind have one type."""
     if isinstance(value, _Kept):
         return value.record
-    has_fields = isinstance(value, tuple) and hasattr(value, "_fields")
-    return type(value)(*map(_release, value)) if has_fields else value
+    return value._make(map(_release, value)) if hasattr(value, "_make") else value
 
 
 def _add_words(value: Any, words: list[float]) -> None:
@@ -104,7 +109,7 @@ def _add_words(value: Any, words: list[float]) -> None:
 
 def _count_words(type_: Any) -> int:
     """Return the number of words of a field."""
-    if isinstance(type_, types.BaseTuple):
+    if isinstance(type_, _Tuple):
         return sum(map(_count_words, type_))
     return 1 + 2 * type_.ndim if isinstance(type_, types.Array) else 1
 
@@ -115,7 +120,7 @@ class _Fields(AttributeTemplate):
 
     key = RecordType
 
-    def generic_resolve(self, record: RecordType, name: str) -> Any:
+    def generic_resolve(self, record: Any, name: str) -> Any:  # type: ignore[override]
         """Return the type of a field; None if there is none."""
         if name not in record.fields.fields:
             return None
@@ -139,15 +144,15 @@ def _read_field(context: Any, builder: Any, record: Any, address: Any, name: str
         loaded.set_metadata("invariant.load", builder.module.add_metadata([]))
         return loaded
 
-    if isinstance(type_, types.BaseTuple):
+    if isinstance(type_, _Tuple):
         parts = [load(k, context.get_value_type(each)) for k, each in enumerate(type_)]
         return context.make_tuple(builder, type_, parts)
     if not isinstance(type_, types.Array):
         return load(0, context.get_value_type(type_))
-    array = make_array(type_)(context, builder)
+    array = _make_array(type_)(context, builder)
     size = context.get_abi_sizeof(context.get_data_type(type_.dtype))
     lengths = [load(1 + k, ir.IntType(64)) for k in range(2 * type_.ndim)]
-    populate_array(
+    _populate_array(
         array,
         data=load(0, array.data.type),
         shape=lengths[: type_.ndim],
@@ -166,6 +171,6 @@ def _unbox_address(_: RecordType, instance: Any, context: Any) -> Any:
     return NativeValue(native)  # type: ignore[no-untyped-call]
 
 
-lower_getattr_generic(RecordType)(_read_field)
+lower_getattr_generic(RecordType)(_read_field)  # type: ignore[no-untyped-call]
 unbox(RecordType)(_unbox_address)  # type: ignore[no-untyped-call]
 register_model(RecordType)(models.IntegerModel)

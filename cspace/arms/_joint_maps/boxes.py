@@ -198,7 +198,8 @@ def classify_tubes(
     them crossed, and the search is slow. ``prove`` belongs to ``scene``, and proves FREE.
     """
     for k in range(len(firsts)):
-        scene.deviations[:] = deviations[k]
+        for joint in range(len(scene.deviations)):
+            scene.deviations[joint] = deviations[k, joint]
         if call(prove, (scene, firsts[k], lasts[k], scratch)):
             out[k] = FREE
             continue
