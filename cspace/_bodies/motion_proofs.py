@@ -915,10 +915,13 @@ def are_blocked(scene: ArmScene, points: Floats, out: Bools, scratch: SceneScrat
             n = (first + offset) % len(scene.pairs)
             # Solids with separate hulls do not cross, and they have far fewer hulls than triangles.
             slack = bound_slack(scene, n, NO_MOTION, no_axes, required, 0.0, scratch)
+            hulls_meet = scratch.nodes[1, 0] != 0  # as tree_slack says
+            scratch.not_nested[n] = slack >= 0.0 and not hulls_meet
             out[k] = slack < 0.0 and boundaries_cross(scene, n, no_axes, required, scratch)
             if out[k]:
                 scratch.first_pair[0] = n
                 break
         # Containment comes last, because most collisions are crossings.
         for n in range(len(scene.pairs)):
-            out[k] = out[k] or is_nested(scene, n, scratch, required)
+            if not (out[k] or scratch.not_nested[n]):
+                out[k] = is_nested(scene, n, scratch, required)
