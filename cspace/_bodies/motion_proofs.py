@@ -805,6 +805,8 @@ def boundaries_cross(
     solids = scene.solids
     starts = solids.starts
     i, j = scene.pairs[n]
+    # The search takes longer if each step reads where the arrays lie.
+    trees = PartTree(solids.trees.boxes, solids.trees.spans, solids.trees.triangles)
     matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
     for part in range(starts[i, FIRST_PART], starts[i + 1, FIRST_PART]):
         for other_part in range(starts[j, FIRST_PART], starts[j + 1, FIRST_PART]):
@@ -815,7 +817,7 @@ def boundaries_cross(
                 continue
             scratch.nodes[1, 0] = root
             scratch.nodes[1, 1] = other_root
-            if parts_cross(solids.trees, matrix, shift, axes, required, scratch.nodes):
+            if parts_cross(trees, matrix, shift, axes, required, scratch.nodes):
                 return True
     return False
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import chain, combinations
 from typing import Any, Final, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,7 @@ from cspace.inside import (
     Cones,
     Floats,
     Ints,
+    SceneScratch,
     Solid,
     StaticShape,
     Upright,
@@ -54,6 +56,10 @@ from cspace.inside import (
 
 MIN_MOTIONS_PER_THREAD: Final = 100
 """Motions per thread below which a further thread costs more time than it saves."""
+
+
+_spare_scratch: Final = WeakKeyDictionary[ArmScene, list[SceneScratch]]()
+"""Scratch memory that no thread uses now, of scenes that are kept for several calls."""
 
 
 class Contact(NamedTuple):
@@ -520,10 +526,17 @@ def _run_in_threads(
     min_items: int = MIN_MOTIONS_PER_THREAD,
 ) -> None:
     """Call ``kernel(scene, *arrays, scratch)`` on slices of contiguous arrays, in threads."""
+    scene = keep(scene)
+    spare = _spare_scratch.setdefault(scene, [])
 
     def run_slice(first: int, stop: int) -> int:
         """Run the kernel on some rows with its own scratch; -1 means that nothing failed."""
-        kernel(keep(scene), *(array[first:stop] for array in arrays), make_scene_scratch(scene))
+        try:
+            scratch = spare.pop()
+        except IndexError:
+            scratch = make_scene_scratch(scene)
+        kernel(scene, *(array[first:stop] for array in arrays), scratch)
+        spare.append(scratch)
         return -1
 
     run_in_chunks(run_slice, len(arrays[0]), min_items)
