@@ -15,6 +15,7 @@ from ._bodies.chain import Frame as Frame
 from ._bodies.chain import column_at as column_at
 from ._bodies.chain import compute_poses as compute_poses
 from ._bodies.chain import forward_kinematics as forward_kinematics
+from ._bodies.chain import make_floating_chain as make_floating_chain
 from ._bodies.chain import motion_bounds as motion_bounds
 from ._bodies.chain import relative_pose as relative_pose
 from ._bodies.chain import rotation_rows as rotation_rows
@@ -22,9 +23,6 @@ from ._bodies.cones import Cones as Cones
 from ._bodies.cones import move_into_cones as move_into_cones
 from ._bodies.cones import stays_in_cones as stays_in_cones
 from ._bodies.cores import Cores as Cores
-from ._bodies.crossings import CENTER as CENTER
-from ._bodies.crossings import HALF_SIDES as HALF_SIDES
-from ._bodies.crossings import SurfaceTree as SurfaceTree
 from ._bodies.crossings import joint_displacement as joint_displacement
 from ._bodies.crossings import piece_depth as piece_depth
 from ._bodies.hulls import node_corners as node_corners
@@ -38,6 +36,7 @@ from ._bodies.motion_proofs import Solids as Solids
 from ._bodies.motion_proofs import are_blocked as are_blocked
 from ._bodies.motion_proofs import are_free as are_free
 from ._bodies.motion_proofs import bound_distances as bound_distances
+from ._bodies.motion_proofs import bound_point_distance as bound_point_distance
 from ._bodies.motion_proofs import bound_slack as bound_slack
 from ._bodies.motion_proofs import boundaries_cross as boundaries_cross
 from ._bodies.motion_proofs import count_free_motions as count_free_motions
@@ -48,9 +47,11 @@ from ._bodies.motion_proofs import lies_deep as lies_deep
 from ._bodies.motion_proofs import make_scene_scratch as make_scene_scratch
 from ._bodies.motion_proofs import motion_is_free as motion_is_free
 from ._bodies.motion_proofs import motions_are_free as motions_are_free
-from ._bodies.motion_proofs import nearest_triangle as nearest_triangle
 from ._bodies.motion_proofs import winding_number as winding_number
 from ._bodies.motion_proofs import write_axes as write_axes
+from ._bodies.part_trees import CENTER as CENTER
+from ._bodies.part_trees import HALF_SIDES as HALF_SIDES
+from ._bodies.part_trees import SurfaceTree as SurfaceTree
 from ._bodies.scenes import PackedParts as PackedParts
 from ._bodies.scenes import make_inner_scene as make_inner_scene
 from ._bodies.scenes import make_scene as make_scene
@@ -175,6 +176,7 @@ from ._support.deadlines import is_over as is_over
 from ._support.deadlines import now as now
 from ._support.deadlines import spend as spend
 from ._support.limits import check_memory as check_memory
+from ._support.records import keep as keep
 from ._support.reporting import import_optional as import_optional
 from ._support.reporting import tell_apart as tell_apart
 from ._support.reporting import warn_user as warn_user

@@ -34,6 +34,7 @@ from cspace._queries.batches import as_contiguous
 from cspace._support import vectors
 from cspace._support.arrays import Bools, Floats, Ints, Row
 from cspace._support.compiling import internal, kernel
+from cspace._support.records import keep
 
 MAX_BODIES: Final = 64
 """Largest number of bodies; the bound of rounding assumes it."""
@@ -101,6 +102,22 @@ class Chain(NamedTuple):
     offsets: Floats
     between: Bools
     lengths: Floats
+
+
+def make_floating_chain() -> Chain:
+    """Make a chain of one body that turns about z and slides, by an angle and a position."""
+    chain = Chain(
+        parents=np.zeros(2, dtype=np.int64),
+        frames=np.tile(np.eye(4)[:3], (2, 1, 1)),
+        axes=np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]),
+        kinds=np.array([FIXED, FLOATING]),
+        joint_indices=np.zeros(2, dtype=np.int64),
+        factors=np.array([0.0, 1.0]),
+        offsets=np.zeros(2),
+        between=np.array([[[False, False], [False, True]], [[False, True], [False, False]]]),
+        lengths=np.zeros((2, 2)),
+    )
+    return keep(chain)
 
 
 @kernel

@@ -35,16 +35,15 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from cspace._bodies import box_trees
-from cspace._bodies.crossings import (
+from cspace._bodies.crossings import CHORD, joint_displacement
+from cspace._bodies.part_trees import (
     BALL,
     CENTER,
-    CHORD,
     HALF_SIDES,
     RADIUS,
     PartTree,
     distinct_rows,
     half_axes,
-    joint_displacement,
 )
 from cspace._support import vectors
 from cspace._support.arrays import Bools, Floats, Ints, Row
@@ -247,7 +246,9 @@ def wrap_convex(triangles: Floats) -> Hulls | None:
         return None
     half_sides = 0.5 * (upper - lower)
     box = [*(0.5 * (lower + upper)), *half_sides, np.linalg.norm(half_sides), 0.0, 0.0]
-    return _make_node(np.array([box]), corners)
+    # A body that fills its box stores no corners, because those of the box are found sooner.
+    fills_box = len(corners) == 8 and ((corners == lower) | (corners == upper)).all()
+    return _make_node(np.array([box]), corners[:0] if fills_box else corners)
 
 
 def _make_node(box: Floats, corners: Floats) -> Hulls:
@@ -307,7 +308,7 @@ def _list_row_corners(rows: Floats) -> tuple[Floats, Ints]:
     """List the corners of all rows of a tree.
 
     Returns the corners, shape (m, 3), and the index of the first corner of each row, shape (n +
-    1,). ``rows``, shape (n, 10), are :attr:`cspace._bodies.crossings.PartTree.triangles`.
+    1,). ``rows``, shape (n, 10), are :attr:`cspace._bodies.part_trees.PartTree.triangles`.
     Triangles have three corners, balls one, boxes eight, and axis-aligned boxes none.
     """
     is_box = rows[:, RADIUS] < 0.0  # boxes are marked by the sign

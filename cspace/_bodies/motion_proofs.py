@@ -39,25 +39,21 @@ from cspace._bodies.chain import (
 from cspace._bodies.cones import NO_CONES, Cones, stays_in_cones
 from cspace._bodies.crossings import (
     AXIS_POINT,
-    CENTER,
     CHORD,
     DIRECTION,
-    HALF_SIDES,
-    LEVER,
-    RADIUS,
     TRANSLATION,
-    PartTree,
-    SurfaceTree,
     crosses,
     find_near_leaves,
     joint_displacement,
     pierces,
 )
 from cspace._bodies.hulls import BALL_RADIUS, Hulls, RelativeMotion, tree_slack
+from cspace._bodies.part_trees import CENTER, HALF_SIDES, LEVER, RADIUS, PartTree, SurfaceTree
 from cspace._support import vectors
 from cspace._support.addresses import Address, call, find_address
 from cspace._support.arrays import BLOCKED, FREE, MIXED, Bools, Floats, Ints, Row
 from cspace._support.compiling import internal, kernel
+from cspace._support.records import keep
 
 TREE_ROUNDING: Final = 2.0**-40
 """Growth of boxes of a tree against rounding, relative to the size of the surface."""
@@ -241,7 +237,7 @@ def make_scene_scratch(scene: ArmScene) -> SceneScratch:
     """Allocate scratch memory for one thread."""
     bodies = len(scene.chain.parents)
     pairs = len(scene.pairs)
-    return SceneScratch(
+    scratch = SceneScratch(
         parts=np.empty((MAX_MOTION_PARTS, 2)),
         open_pairs=np.empty((MAX_MOTION_PARTS, pairs), dtype=np.bool_),
         poses=np.empty((bodies, 3, 6)),
@@ -254,6 +250,7 @@ def make_scene_scratch(scene: ArmScene) -> SceneScratch:
         nodes=np.empty((box_trees.MAX_PENDING_PAIRS, 2), dtype=np.int64),
         slopes=np.empty(len(scene.cones.lower)),
     )
+    return keep(scratch)
 
 
 def are_free(scene: ArmScene, firsts: Floats, lasts: Floats) -> Bools:
@@ -263,14 +260,15 @@ def are_free(scene: ArmScene, firsts: Floats, lasts: Floats) -> Bools:
     shape (n,).
     """
     out = np.empty(len(firsts), dtype=np.bool_)
-    motions_are_free(find_proof(scene), scene, firsts, lasts, out, make_scene_scratch(scene))
+    scratch = make_scene_scratch(scene)
+    motions_are_free(find_proof(scene), keep(scene), firsts, lasts, out, scratch)
     return out
 
 
 def find_proof(scene: ArmScene) -> Address:
     """Return the address of :func:`motion_is_free`, which compiles once for all of its callers."""
     q = np.zeros(0)
-    return find_address(motion_is_free, scene, q, q, make_scene_scratch(scene))
+    return find_address(motion_is_free, keep(scene), q, q, make_scene_scratch(scene))
 
 
 @kernel
@@ -305,34 +303,19 @@ def count_free_motions(
 
     In each of b chunks, motions lead from a row of ``starts``, shape (b, dof), to each of ``ends``,
     shape (b, n, dof), in turn. Only as many as ``counts``, shape (b,), are tested. The chunk's
-    ``paddings`` of the p pairs, shape (b, p), and ``tolerances`` of the c cones, shape (b, c),
-    replace those of the scene.
+    ``paddings`` of the p pairs, shape (b, p), and ``tolerances`` of the c cones, shape (b, c), are
+    written to the scene, which must be the thread's own.
     """
     for chunk in range(len(starts)):
-        cones = Cones(
-            scene.cones.bodies,
-            scene.cones.axes,
-            scene.cones.directions,
-            scene.cones.angles,
-            tolerances[chunk],
-            scene.cones.lower,
-            scene.cones.upper,
-        )
-        padded = ArmScene(
-            scene.chain,
-            scene.solids,
-            scene.pairs,
-            paddings[chunk],
-            scene.max_coordinate,
-            scene.required,
-            cones,
-            scene.deviations,
-        )
+        for pair in range(len(scene.padding)):
+            scene.padding[pair] = paddings[chunk, pair]
+        for cone in range(len(scene.cones.tolerances)):
+            scene.cones.tolerances[cone] = tolerances[chunk, cone]
         wanted = counts[chunk]
         counts[chunk] = 0
         start = starts[chunk]
         for row in range(wanted):
-            if not call(prove, (padded, start, ends[chunk, row], scratch)):
+            if not call(prove, (scene, start, ends[chunk, row], scratch)):
                 break
             start = ends[chunk, row]
             counts[chunk] = row + 1
@@ -720,15 +703,17 @@ def lies_deep(surfaces: SurfaceTree, root: int, point: Row, min_depth: float, no
     A negative ``min_depth`` allows a point outside, nearer to the surface than that. Zero asks for
     the winding number alone. ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
     """
+    limit = abs(min_depth)
     if min_depth < 0.0:
-        # The computed distance from thin triangles may be too small, by a share of the size.
-        half_x, half_y, half_z = vectors.row_at(surfaces.boxes[root], HALF_SIDES)
-        reach = -min_depth - vectors.THIN * 2.0 * (half_x + half_y + half_z)
-        if reach > 0.0 and nearest_triangle(surfaces, root, point, reach, nodes) < reach:
+        _, far = bound_point_distance(surfaces, root, point, limit, limit, nodes)
+        if far < limit:
             return True
     if winding_number(surfaces, root, point, nodes) == 0:
         return False
-    return min_depth <= 0.0 or nearest_triangle(surfaces, root, point, min_depth, nodes) > min_depth
+    if min_depth <= 0.0:
+        return True
+    near, _ = bound_point_distance(surfaces, root, point, limit, limit, nodes)
+    return near >= limit
 
 
 @kernel
@@ -766,29 +751,32 @@ def winding_number(surfaces: SurfaceTree, root: int, point: Row, nodes: Ints) ->
 
 
 @kernel
-def nearest_triangle(
-    surfaces: SurfaceTree, root: int, point: Row, enough: float, nodes: Ints
-) -> float:
-    """Return a point's distance from the nearest triangle of a surface.
+def bound_point_distance(
+    surfaces: SurfaceTree, root: int, point: Row, cap: float, enough: float, nodes: Ints
+) -> tuple[float, float]:
+    """Bound a point's distance from the triangles of a tree from below and above, to ``cap``.
 
-    If it is below ``enough``, any distance below that is returned; if it exceeds it, ``inf`` may be
-    returned. The second column of ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
+    The search ends at a triangle nearer than ``enough``, or at the nearest one. The second column
+    of ``nodes`` is scratch, shape (MAX_PENDING_PAIRS, 2).
     """
+    near = far = cap
     # Rows of the stack from 1 to top - 1 are filled.
     nodes[1, SURFACE_STACK] = root
     top = 2
-    nearest = np.inf
     while top > 1:
         top -= 1
         node = nodes[top, SURFACE_STACK]
         # The larger bound covers the rounding of boxes and distances.
-        farthest = min(enough, nearest) * (1.0 + TREE_ROUNDING)
-        if vectors.box_distance(surfaces.boxes[node], point) > farthest:
+        if vectors.box_distance(surfaces.boxes[node], point) > far * (1.0 + TREE_ROUNDING):
             continue
         start, count = surfaces.spans[node]
-        if count == 1:
-            nearest = min(nearest, vectors.triangle_distance(point, surfaces.triangles[start]))
-            if nearest < enough < np.inf:
+        # Triangles of a node that are measured at once, because further boxes would take longer.
+        if count <= 6:
+            for k in range(start, start + count):
+                nearer, farther = vectors.bound_triangle_distance(point, surfaces.triangles[k])
+                near = min(near, nearer)
+                far = min(far, farther)
+            if far < enough:
                 break
             continue
         lower = top
@@ -801,7 +789,7 @@ def nearest_triangle(
         if first_distance < vectors.box_distance(surfaces.boxes[second_child], point):
             nodes[lower, SURFACE_STACK] = second_child
             nodes[upper, SURFACE_STACK] = first_child
-    return nearest
+    return near, far
 
 
 @internal
@@ -817,6 +805,8 @@ def boundaries_cross(
     solids = scene.solids
     starts = solids.starts
     i, j = scene.pairs[n]
+    # The search takes longer if each step reads where the arrays lie.
+    trees = PartTree(solids.trees.boxes, solids.trees.spans, solids.trees.triangles)
     matrix, shift = relative_pose(scratch.poses[solids.bodies[i]], scratch.poses[solids.bodies[j]])
     for part in range(starts[i, FIRST_PART], starts[i + 1, FIRST_PART]):
         for other_part in range(starts[j, FIRST_PART], starts[j + 1, FIRST_PART]):
@@ -827,7 +817,7 @@ def boundaries_cross(
                 continue
             scratch.nodes[1, 0] = root
             scratch.nodes[1, 1] = other_root
-            if parts_cross(solids.trees, matrix, shift, axes, required, scratch.nodes):
+            if parts_cross(trees, matrix, shift, axes, required, scratch.nodes):
                 return True
     return False
 
@@ -927,10 +917,13 @@ def are_blocked(scene: ArmScene, points: Floats, out: Bools, scratch: SceneScrat
             n = (first + offset) % len(scene.pairs)
             # Solids with separate hulls do not cross, and they have far fewer hulls than triangles.
             slack = bound_slack(scene, n, NO_MOTION, no_axes, required, 0.0, scratch)
+            hulls_meet = scratch.nodes[1, 0] != 0  # as tree_slack says
+            scratch.not_nested[n] = slack >= 0.0 and not hulls_meet
             out[k] = slack < 0.0 and boundaries_cross(scene, n, no_axes, required, scratch)
             if out[k]:
                 scratch.first_pair[0] = n
                 break
         # Containment comes last, because most collisions are crossings.
         for n in range(len(scene.pairs)):
-            out[k] = out[k] or is_nested(scene, n, scratch, required)
+            if not (out[k] or scratch.not_nested[n]):
+                out[k] = is_nested(scene, n, scratch, required)

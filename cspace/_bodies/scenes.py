@@ -9,9 +9,9 @@ import numpy as np
 
 from cspace._bodies import DISTANCE_ROUNDING, box_trees
 from cspace._bodies.chain import Chain
-from cspace._bodies.crossings import NO_TREE, PartTree, SurfaceTree
 from cspace._bodies.hulls import FIRST_CORNER, STOP_CORNER, Hulls, join_roots
 from cspace._bodies.motion_proofs import ArmScene, Solids
+from cspace._bodies.part_trees import NO_TREE, PartTree, SurfaceTree
 from cspace._bodies.solids import Part, Solid
 from cspace._support.arrays import Floats, Ints
 

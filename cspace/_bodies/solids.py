@@ -13,16 +13,17 @@ from typing import NamedTuple
 import numpy as np
 
 from cspace._bodies.box_trees import build_boxes
-from cspace._bodies.crossings import (
+from cspace._bodies.hulls import Hulls, build_hulls, node_corners, wrap_convex
+from cspace._bodies.part_trees import (
     PartTree,
     SurfaceTree,
-    Triangles,
     build_tree,
     distinct_rows,
     pack_boxes,
+    pack_triangles,
 )
-from cspace._bodies.hulls import Hulls, build_hulls, wrap_convex
-from cspace._shapes import ExactShape, Shape
+from cspace._bodies.parts import as_triangles, part_anchors
+from cspace._shapes import ExactShape, RoundedSimplices, Shape
 from cspace._shapes.mesh import Mesh
 from cspace._support.arrays import Floats, Ints
 
@@ -69,17 +70,15 @@ class Part:
         return np.asarray(points @ self.pose[:3, :3].T + self.pose[:3, 3])
 
     @cached_property
-    def boundary(self) -> Triangles:
+    def boundary(self) -> RoundedSimplices:
         """Boundary as triangles."""
-        simplices, radii = self._exact.boundary()
-        # Points and segments repeat their last corner.
-        corners = np.minimum(range(3), simplices.shape[1] - 1)
-        return Triangles(self.transform(simplices)[:, corners], radii)
+        triangles = as_triangles([self._exact.boundary()])
+        return triangles._replace(simplices=self.transform(triangles.simplices))
 
     @cached_property
     def tree(self) -> PartTree:
         """Tree of the triangles of the boundary."""
-        rows = self.boundary.pack()
+        rows = pack_triangles(self.boundary)
         no_levers = np.zeros(len(rows))  # they mark solid boxes and balls
         return build_tree(rows, no_levers)
 
@@ -87,7 +86,7 @@ class Part:
     def hulls(self) -> Hulls:
         """Tree of hulls of the boundary, or of boxes and balls."""
         corners, windings = self.surface
-        if len(corners) == len(self.boundary.corners) > 0:
+        if len(corners) == len(self.boundary.radii) > 0:
             convex_hull = wrap_convex(corners)
             if convex_hull is not None:
                 return convex_hull
@@ -128,24 +127,16 @@ class Part:
         if self.is_filled:
             return np.empty((0, 3))
         if len(self.hulls.nodes) == 1:
-            return self.hulls.corners.T[:1]
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
-        points, numbers = distinct_rows(self.boundary.corners.reshape(-1, 3))
-        firsts, seconds, thirds = numbers.reshape(-1, 3).T
-        edges = np.concatenate([firsts, seconds]), np.concatenate([seconds, thirds])
-        graph = coo_array((np.ones(len(edges[0])), edges), shape=(len(points), len(points)))
-        _, labels = connected_components(graph, directed=False)
-        _, first_of_part = np.unique(labels, return_index=True)
-        return points[first_of_part]
+            return node_corners(self.hulls, 0)[0][:1]
+        anchors, _ = part_anchors(self.boundary)
+        return anchors
 
     @cached_property
     def extremes(self) -> Floats:
         """Corners of the convex hull of the boundary's corners, shape (n, 3)."""
         from scipy.spatial import ConvexHull, QhullError
 
-        corners, _ = distinct_rows(self.boundary.corners.reshape(-1, 3))
+        corners, _ = distinct_rows(self.boundary.simplices.reshape(-1, 3))
         try:
             return np.asarray(corners[ConvexHull(corners).vertices])
         except QhullError:  # they are flat, or few
@@ -159,7 +150,7 @@ class Part:
         """
         if self.is_filled:
             return np.empty((0, 3))
-        corners, _ = distinct_rows(self.boundary.corners.reshape(-1, 3))
+        corners, _ = distinct_rows(self.boundary.simplices.reshape(-1, 3))
         # Approximate number of corners and inner points of each part that are sought in others, to
         # prove collisions.
         probes_per_part = 60
@@ -211,7 +202,7 @@ class StaticShape(Part):
             lows, highs, sizes = self._exact.boxes
             fits_inside = (sizes <= self.reach).astype(np.float64)
             return build_tree(pack_boxes(lows, highs, self.pose), fits_inside)
-        rows = self.boundary.pack()
+        rows = pack_triangles(self.boundary)
         return build_tree(rows, np.full(len(rows), float(self.is_filled)))
 
 

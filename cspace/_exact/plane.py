@@ -9,6 +9,7 @@ import numpy as np
 
 from cspace._bodies import ADVANCE_FACTOR, DISTANCE_ROUNDING, MAX_DISTANCES_PER_EDGE, MIN_ADVANCE
 from cspace._bodies.box_trees import MAX_PENDING_PAIRS
+from cspace._bodies.part_trees import PartTree
 from cspace._exact.arcs import (
     MAX_PENDING_PARTS,
     EdgeArc,
@@ -16,13 +17,14 @@ from cspace._exact.arcs import (
     cells_are_free,
     reference_point,
 )
-from cspace._exact.segment_proofs import Motion, Trees, free_fraction
+from cspace._exact.segment_proofs import Motion, free_fraction
 from cspace._queries.edges import position_along
 from cspace._queries.points import neighborhood_is_free, position_in_plane
 from cspace._record.cells import Map
 from cspace._rotations.lookup import matrix_rows, rotation_along
 from cspace._support.arrays import BLOCKED, FREE, Floats, Ints, Row
 from cspace._support.compiling import internal, kernel
+from cspace._support.records import keep
 from cspace._support.vectors import Matrix, dot, minus, row_at
 
 
@@ -31,7 +33,7 @@ class BoundaryTrees(NamedTuple):
 
     Attributes
     ----------
-    trees : Trees
+    trees : PartTree
     robot : int
         Root of the robot.
     others : tuple of int
@@ -46,7 +48,7 @@ class BoundaryTrees(NamedTuple):
         Distance that proves a configuration free.
     """
 
-    trees: Trees
+    trees: PartTree
     robot: int
     others: tuple[int, int]
     max_lever: float
@@ -74,11 +76,12 @@ class Scratch(NamedTuple):
 
 def make_scratch() -> Scratch:
     """Allocate scratch memory."""
-    return Scratch(
+    scratch = Scratch(
         parts=np.empty((MAX_PENDING_PARTS, 2)),
         node_pairs=np.full((MAX_PENDING_PAIRS, 2), -1),
         measured=np.zeros(1, dtype=np.int64),
     )
+    return keep(scratch)
 
 
 @internal
@@ -171,7 +174,12 @@ FIRST_REACH: Final = 2.0**-10
 
 @kernel
 def path_slack(
-    boundaries: BoundaryTrees, positions: Floats, matrices: Floats, spans: Floats, scratch: Ints
+    boundaries: BoundaryTrees,
+    required: float,
+    positions: Floats,
+    matrices: Floats,
+    spans: Floats,
+    scratch: Ints,
 ) -> float:
     """Return a lower bound of (distance - required distance) along a path.
 
@@ -193,7 +201,7 @@ def path_slack(
         reach = enough if k > 0 else FIRST_REACH
         while True:
             distance = fraction_apart(
-                boundaries, position, matrix, no_step, 0.0, 1.0, reach, scratch
+                boundaries, required, position, matrix, no_step, 0.0, 1.0, reach, scratch
             )
             if distance < reach or reach == enough:
                 break
@@ -207,6 +215,7 @@ def path_slack(
 @internal
 def fraction_apart(
     boundaries: BoundaryTrees,
+    required: float,
     position: Row,
     matrix: Matrix,
     step: Row,
@@ -222,8 +231,7 @@ def fraction_apart(
     lengths are scaled like the trees.
     """
     x, y, z = position
-    rounding = 2.0 * DISTANCE_ROUNDING * (abs(x) + abs(y) + abs(z))
-    required = boundaries.required + rounding
+    required += 2.0 * DISTANCE_ROUNDING * (abs(x) + abs(y) + abs(z))
     motion = Motion(matrix, position, step, angle, required, drift)
     return free_fraction(
         boundaries.trees, boundaries.robot, boundaries.others, motion, enough, scratch
@@ -269,6 +277,14 @@ def poses_are_free(
     step = (scale * ahead * math.cos(yaw), scale * ahead * math.sin(yaw), 0.0)
     enough = 1.0 / ADVANCE_FACTOR
     proven = fraction_apart(
-        boundaries, place, matrix_rows((yaw,)), step, turn, scale * drift, enough, node_pairs
+        boundaries,
+        boundaries.required,
+        place,
+        matrix_rows((yaw,)),
+        step,
+        turn,
+        scale * drift,
+        enough,
+        node_pairs,
     )
     return proven >= enough

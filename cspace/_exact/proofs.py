@@ -10,6 +10,7 @@ import math
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import cached_property
 from typing import Any, NamedTuple, cast
 
@@ -17,9 +18,9 @@ import numpy as np
 
 from cspace._bodies import DISTANCE_ROUNDING
 from cspace._bodies.box_trees import FIRST_ITEM, find_nearest
-from cspace._bodies.crossings import SurfaceTree
 from cspace._bodies.hulls import node_corners
 from cspace._bodies.motion_proofs import find_proof, winding_number
+from cspace._bodies.part_trees import RADIUS, SurfaceTree
 from cspace._bodies.parts import as_triangles, part_anchors, sort_by_part
 from cspace._bodies.scenes import NO_SURFACE
 from cspace._bodies.solids import Part
@@ -46,10 +47,7 @@ from cspace._exact.rigid import (
     rigid_arc_is_free,
     rigid_slack,
 )
-from cspace._exact.segment_proofs import (
-    RADIUS,
-    build_trees,
-)
+from cspace._exact.segment_proofs import build_trees
 from cspace._grid import MAX_COORDINATE
 from cspace._queries.batches import as_contiguous
 from cspace._queries.edges import edges_are_free
@@ -79,6 +77,7 @@ from cspace._support.arrays import (
     frozen,
 )
 from cspace._support.compiling import internal, kernel
+from cspace._support.records import keep
 from cspace._support.threads import run_in_chunks
 from cspace._support.vectors import Matrix, apply_pose, minus, rotate_back, row_at
 from cspace.errors import InputError
@@ -226,9 +225,8 @@ class Containment(NamedTuple):
 
 
 class ProofInputs(NamedTuple):
-    """Inputs of every edge proof: the map, the boundaries or bodies, and the solids."""
+    """Inputs of every edge proof beside the map: the boundaries or bodies, and the solids."""
 
-    map: Map
     boundaries: Any
     containment: Containment
 
@@ -286,7 +284,8 @@ class BoundaryProofs(ABC):
         boundary = boundary._replace(simplices=boundary.simplices + self._lift)
         self.boundaries = self._build(problem, boundary, walls)
         containment = self._make_containment(problem, boundary, walls.pieces)
-        self._inputs = ProofInputs(problem.map, self.boundaries, containment)
+        self._map = problem.map
+        self._inputs = keep(ProofInputs(self.boundaries, containment))
         # Configurations whose anchors, of robot and obstacles, are tested at once.
         anchors_per_configuration = len(self._anchors) + len(containment.anchors)
         # Largest number of anchors tested for containment at once.
@@ -301,16 +300,14 @@ class BoundaryProofs(ABC):
         return NO_SURFACE
 
     @abstractmethod
-    def _write_states(self, inputs: ProofInputs, q0: Floats, q1: Floats, out: States) -> None:
+    def _write_states(
+        self, map_: Map, required: float, q0: Floats, q1: Floats, out: States
+    ) -> None:
         """Write the states of edges, shapes (n, size), to ``out``; see `edge_state`."""
 
     @abstractmethod
     def _bound_slack(
-        self,
-        boundaries: Any,
-        positions: Floats,
-        matrices: Floats,
-        spans: Floats,
+        self, required: float, positions: Floats, matrices: Floats, spans: Floats
     ) -> tuple[float, list[tuple[Floats, float]]]:
         """Bound (distance - required distance) along a path; see `path_slack`.
 
@@ -383,18 +380,15 @@ class BoundaryProofs(ABC):
 
         The robot is grown by ``growth``, metres, of which cells prove nothing.
         """
-        inputs = self._inputs
-        if growth > 0.0:
-            boundaries = self.boundaries
-            required = boundaries.required + boundaries.scale * growth
-            grown = boundaries._replace(required=required)
-            inputs = inputs._replace(map=hide_cells(inputs.map), boundaries=grown)
+        boundaries = self.boundaries
+        required = boundaries.required + boundaries.scale * growth
+        map_ = hide_cells(self._map) if growth > 0.0 else self._map
         states = np.empty(len(q0), dtype=np.uint8)
 
         def prove_chunk(start: int, stop: int) -> int:
             """Write the states of some edges; -1 means that none is invalid."""
             chunk = slice(start, stop)
-            self._write_states(inputs, q0[chunk], q1[chunk], states[chunk])
+            self._write_states(map_, required, q0[chunk], q1[chunk], states[chunk])
             return -1
 
         # Edges below which a second thread costs more than it saves.
@@ -434,12 +428,11 @@ class BoundaryProofs(ABC):
         rotation angles, shape (n,).
         """
         boundaries = self.boundaries
-        scale = boundaries.scale
-        boundaries = boundaries._replace(required=boundaries.required - scale * self._unsure)
+        required = boundaries.required - boundaries.scale * self._unsure
         positions, matrices = self._place_robot(points)
         # Largest displacement of a point of the robot from its place at the midpoint.
-        spans = 0.5 * (lengths + boundaries.max_lever / scale * angles)
-        slack, _ = self._bound_slack(boundaries, positions, matrices, spans)
+        spans = 0.5 * (lengths + boundaries.max_lever / boundaries.scale * angles)
+        slack, _ = self._bound_slack(required, positions, matrices, spans)
         return float(slack)
 
     def find_closest(self, q: Floats, distance: float) -> Closest:
@@ -450,8 +443,8 @@ class BoundaryProofs(ABC):
         boundaries = self.boundaries
         positions, matrices = self._place_robot(q[np.newaxis])
         # Without the margin, the search does not end at a pair of triangles within it.
-        bare = boundaries._replace(required=boundaries.required - boundaries.scale * self._margin)
-        slack, nearest = self._bound_slack(bare, positions, matrices, np.zeros(1))
+        required = boundaries.required - boundaries.scale * self._margin
+        slack, nearest = self._bound_slack(required, positions, matrices, np.zeros(1))
         if not nearest:
             raise InputError("obstacles", "are none", "there is nothing to touch")
         (robot, radius), (obstacle, obstacle_radius) = nearest
@@ -548,7 +541,7 @@ class PlaneProofs(BoundaryProofs):
         ]
         trees, roots = build_trees(scaled, problem.rotations._about_z)
         robot_root, obstacle_root, wall_root = roots
-        return BoundaryTrees(
+        boundaries = BoundaryTrees(
             trees=trees,
             robot=robot_root,
             others=(wall_root, obstacle_root),
@@ -556,23 +549,23 @@ class PlaneProofs(BoundaryProofs):
             scale=scale,
             required=scale * required,
         )
+        return keep(boundaries)
 
-    def _write_states(self, inputs: ProofInputs, q0: Floats, q1: Floats, out: States) -> None:
+    def _write_states(
+        self, map_: Map, required: float, q0: Floats, q1: Floats, out: States
+    ) -> None:
         """Write the states of edges."""
-        prove_edges(inputs, make_scratch(), None, None, q0, q1, out)
+        scratch = make_scratch()
+        prove_edges(map_, self._inputs, required, scratch, None, None, q0, q1, out)
 
     def _bound_slack(
-        self,
-        boundaries: Any,
-        positions: Floats,
-        matrices: Floats,
-        spans: Floats,
+        self, required: float, positions: Floats, matrices: Floats, spans: Floats
     ) -> tuple[float, list[tuple[Floats, float]]]:
         """Bound the slack along a path, and find the nearest segments."""
-        scale = boundaries.scale
+        scale, trees = self.boundaries.scale, self.boundaries.trees
         pairs = make_scratch().node_pairs
-        slack = path_slack(boundaries, scale * positions, matrices, scale * spans, pairs)
-        trees = self.boundaries.trees
+        path = scale * positions, matrices, scale * spans
+        slack = path_slack(self.boundaries, required, *path, pairs)
         found = (
             [] if pairs[0, 0] < 0 else trees.triangles[trees.spans[pairs[0], FIRST_ITEM]] / scale
         )
@@ -617,27 +610,39 @@ class SolidProofs(BoundaryProofs):
         return NO_SURFACE if len(part.hulls.nodes) == 1 else part.surface_tree
 
     @cached_property
+    def _spare_scratch(self) -> list[RigidScratch]:
+        """Scratch memory that no thread uses now."""
+        return []
+
+    def _take_scratch(self) -> RigidScratch:
+        """Return scratch memory for one call."""
+        with suppress(IndexError):
+            return self._spare_scratch.pop()
+        return make_rigid_scratch(self.boundaries)
+
+    @cached_property
     def _prove(self) -> Address:
         """Address of the compiled proof."""
         return find_proof(self.boundaries.scene)
 
-    def _write_states(self, inputs: ProofInputs, q0: Floats, q1: Floats, out: States) -> None:
+    def _write_states(
+        self, map_: Map, required: float, q0: Floats, q1: Floats, out: States
+    ) -> None:
         """Write the states of edges."""
-        prove_edges(inputs, None, self._prove, make_rigid_scratch(self.boundaries), q0, q1, out)
+        scratch = self._take_scratch()
+        prove_edges(map_, self._inputs, required, None, self._prove, scratch, q0, q1, out)
+        self._spare_scratch.append(scratch)
 
     def _bound_slack(
-        self,
-        boundaries: Any,
-        positions: Floats,
-        matrices: Floats,
-        spans: Floats,
+        self, required: float, positions: Floats, matrices: Floats, spans: Floats
     ) -> tuple[float, list[tuple[Floats, float]]]:
         """Bound the slack along a path, and find the nearest hulls."""
-        scratch = make_rigid_scratch(self.boundaries)
-        slack = rigid_slack(boundaries, positions, matrices, spans, scratch)
+        scratch = self._take_scratch()
+        slack = rigid_slack(required, positions, matrices, spans, scratch)
         hulls = self.boundaries.scene.solids.hulls
         nodes = scratch.memory.nodes[0].tolist()
         nearest = [node_corners(hulls, node) for node in nodes if nodes[0] >= 0]
+        self._spare_scratch.append(scratch)
         return float(slack), nearest
 
 
@@ -696,7 +701,9 @@ def _contain_any(shape: ExactShape, bounds: tuple[Floats, Floats], points: Float
 
 @kernel
 def prove_edges(
+    map_: Map,
     inputs: ProofInputs,
+    required: float,
     plane: Scratch | None,
     prove: Address | None,
     solid: RigidScratch | None,
@@ -709,14 +716,16 @@ def prove_edges(
     Edges lead from ``first`` to ``second``, shape (n, size); ``out`` has shape (n,).
     """
     for k in range(first.shape[0]):
-        p0, r0 = configuration_in(inputs.map, first, k)
-        p1, r1 = configuration_in(inputs.map, second, k)
-        out[k] = edge_state(inputs, plane, prove, solid, p0, r0, p1, r1)
+        p0, r0 = configuration_in(map_, first, k)
+        p1, r1 = configuration_in(map_, second, k)
+        out[k] = edge_state(map_, inputs, required, plane, prove, solid, p0, r0, p1, r1)
 
 
 @internal
 def edge_state(
+    map_: Map,
     inputs: ProofInputs,
+    required: float,
     plane: Scratch | None,
     prove: Address | None,
     solid: RigidScratch | None,
@@ -732,7 +741,6 @@ def edge_state(
     endpoint. An edge with equal endpoints is a point. If two arcs are equally long up to rounding,
     both must be proven.
     """
-    map_ = inputs.map
     boundaries = inputs.boundaries
     if not (is_usable(p0, r0) and is_usable(p1, r1)):
         return BLOCKED
@@ -745,9 +753,8 @@ def edge_state(
             return BLOCKED
         coordinates += length
     # Hulls take longest to tell that a point of an obstacle is inside the robot.
-    if solid is not None and contains_anchor(inputs, p0, r0, p1, r1, solid.memory.nodes):
+    if solid is not None and contains_anchor(map_, inputs, p0, r0, p1, r1, solid.memory.nodes):
         return BLOCKED
-    required = boundaries.required
     if plane is not None:  # in space, the proof adds it
         required += 2.0 * DISTANCE_ROUNDING * boundaries.scale * coordinates
         plane.measured[0] = 0
@@ -755,7 +762,7 @@ def edge_state(
         angle, error = arc_angle_and_error(r0, r1, number)
         enough = required + error * boundaries.max_lever
         arc = EdgeArc(p0, r0, p1, r1, number, angle, error, enough)
-        if not arc_is_free(inputs, plane, prove, solid, arc):
+        if not arc_is_free(map_, boundaries, plane, prove, solid, arc):
             return BLOCKED
     # The cells alone prove the edge.
     if plane is not None and plane.measured[0] == 0:
@@ -773,7 +780,8 @@ def edge_state(
 
 @internal
 def arc_is_free(
-    inputs: ProofInputs,
+    map_: Map,
+    boundaries: Any,
     plane: Scratch | None,
     prove: Address | None,
     solid: RigidScratch | None,
@@ -782,9 +790,9 @@ def arc_is_free(
     """Return True if an arc is proven free; see `edge_state`."""
     # Numba leaves out a branch whose scratch memory is None.
     if plane is not None:
-        return prove_arc(inputs.map, inputs.boundaries, arc, plane)
+        return prove_arc(map_, boundaries, arc, plane)
     if prove is not None and solid is not None:
-        return rigid_arc_is_free(inputs.map, inputs.boundaries, prove, arc, solid)
+        return rigid_arc_is_free(map_, prove, arc, solid)
     return False
 
 
@@ -852,7 +860,7 @@ def first_anchor(containment: Containment, position: Row) -> int:
 
 @internal
 def contains_anchor(
-    inputs: ProofInputs, p0: Row, r0: Numbers, p1: Row, r1: Numbers, nodes: Ints
+    map_: Map, inputs: ProofInputs, p0: Row, r0: Numbers, p1: Row, r1: Numbers, nodes: Ints
 ) -> bool:
     """Return True if an obstacle anchor lies inside the robot's surfaces at an end of an edge.
 
@@ -862,7 +870,7 @@ def contains_anchor(
     if len(containment.surfaces.boxes) == 0:
         return False
     for p, r in ((p0, r0), (p1, r1)):
-        position = reference_point(inputs.map, p, 1.0)
+        position = reference_point(map_, p, 1.0)
         matrix = matrix_rows(r)
         first = first_anchor(containment, position)
         k, anchor = find_near_anchor(containment, position, matrix, first)

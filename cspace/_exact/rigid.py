@@ -11,13 +11,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from cspace._bodies import MIN_ADVANCE
-from cspace._bodies.chain import FIXED, FLOATING, Chain, forward_kinematics
-from cspace._bodies.crossings import Triangles
+from cspace._bodies import DISTANCE_ROUNDING, MIN_ADVANCE
+from cspace._bodies.chain import forward_kinematics, make_floating_chain
 from cspace._bodies.motion_proofs import (
     NO_MOTION,
     ArmScene,
@@ -43,9 +42,7 @@ from cspace._shapes import ExactShape, RoundedSimplices
 from cspace._support.addresses import Address, call
 from cspace._support.arrays import FREE, Floats, Ints
 from cspace._support.compiling import internal, kernel
-
-_MOVES: Final = np.array([[[False, False], [False, True]], [[False, True], [False, False]]])
-"""Joints that move the robot against the world, as :attr:`Chain.between`."""
+from cspace._support.records import keep
 
 
 class Bodies(NamedTuple):
@@ -54,6 +51,7 @@ class Bodies(NamedTuple):
     Attributes
     ----------
     scene : ArmScene
+        It requires the rounding of points, and the padding of its pair what else is required.
     max_lever : float
         As in :class:`cspace._exact.plane.BoundaryTrees`.
     scale : float
@@ -73,8 +71,9 @@ class RigidScratch(NamedTuple):
 
     Attributes
     ----------
-    chain : Chain
-        The thread's own, because each arc writes its frame and its axis there.
+    scene : ArmScene
+        The thread's own, because each arc writes the frame and the axis of its joint there, and
+        the padding.
     memory : SceneScratch
     ends : ndarray of float64, shape (2, 4)
         Both ends of a motion: angle and position.
@@ -82,7 +81,7 @@ class RigidScratch(NamedTuple):
         Stack of unproven parts: where each begins and ends, from 0 to 1.
     """
 
-    chain: Chain
+    scene: ArmScene
     memory: SceneScratch
     ends: Floats
     parts: Floats
@@ -100,9 +99,9 @@ class BoundaryPart(Part):
     pieces: RoundedSimplices
 
     @cached_property
-    def boundary(self) -> Triangles:
+    def boundary(self) -> RoundedSimplices:
         """The pieces as triangles."""
-        return Triangles(*as_triangles([self.pieces]))
+        return as_triangles([self.pieces])
 
     @cached_property
     def surface(self) -> tuple[Floats, Ints]:
@@ -125,64 +124,40 @@ def make_bodies(
     required: float,
 ) -> Bodies:
     """Make the scene of a robot among obstacles."""
-    chain = Chain(
-        parents=np.zeros(2, dtype=np.int64),
-        frames=np.tile(np.eye(4)[:3], (2, 1, 1)),
-        axes=np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0]]),
-        kinds=np.array([FIXED, FLOATING]),
-        joint_indices=np.zeros(2, dtype=np.int64),
-        factors=np.array([0.0, 1.0]),
-        offsets=np.zeros(2),
-        between=_MOVES,
-        lengths=np.zeros((2, 2)),
-    )
-    scene = make_hull_scene(chain, [robot], obstacles)
-    scene = scene._replace(max_coordinate=max_coordinate, required=required)
+    scene = make_hull_scene(make_floating_chain(), [robot], obstacles)
+    rounding = DISTANCE_ROUNDING * max_coordinate  # which ``required`` includes
+    scene = scene._replace(max_coordinate=max_coordinate, required=rounding)
     return Bodies(scene, max_lever, 1.0, required)
 
 
 def make_rigid_scratch(bodies: Bodies) -> RigidScratch:
     """Allocate scratch memory for one thread."""
-    chain = bodies.scene.chain
-    return RigidScratch(
-        chain=chain._replace(frames=chain.frames.copy(), axes=chain.axes.copy()),
-        memory=make_scene_scratch(bodies.scene),
+    scene = bodies.scene
+    chain = scene.chain._replace(frames=scene.chain.frames.copy(), axes=scene.chain.axes.copy())
+    scratch = RigidScratch(
+        scene=scene._replace(chain=chain, padding=np.empty(1)),
+        memory=make_scene_scratch(scene),
         ends=np.zeros((2, 4)),
         parts=np.empty((MAX_PENDING_PARTS, 2)),
     )
+    return keep(scratch)
 
 
 @internal
-def scene_for(scene: ArmScene, chain: Chain, required: float) -> ArmScene:
-    """Return a scene with the chain of a thread, and another required distance."""
-    return ArmScene(
-        chain,
-        scene.solids,
-        scene.pairs,
-        scene.padding,
-        scene.max_coordinate,
-        required,
-        scene.cones,
-        scene.deviations,
-    )
-
-
-@internal
-def rigid_arc_is_free(
-    map_: Map, bodies: Bodies, prove: Address, arc: EdgeArc, scratch: RigidScratch
-) -> bool:
+def rigid_arc_is_free(map_: Map, prove: Address, arc: EdgeArc, scratch: RigidScratch) -> bool:
     """Return True if an arc is proven free.
 
     If the bodies are not proven apart at a place in a FREE cell, cells may prove some parts and
     the bodies the others. ``prove`` is :func:`cspace._bodies.motion_proofs.find_proof`.
     """
+    scene = scratch.scene
     axis = arc_axis(arc.r0, arc.r1, arc.number)
     rows = matrix_rows(arc.r0)
     for i in range(3):
-        scratch.chain.axes[1, i] = axis[i]
+        scene.chain.axes[1, i] = axis[i]
         for j in range(3):
-            scratch.chain.frames[1, i, j] = rows[i][j]
-    scene = scene_for(bodies.scene, scratch.chain, arc.required)
+            scene.chain.frames[1, i, j] = rows[i][j]
+    scene.padding[0] = arc.required - scene.required
     parts = scratch.parts
     parts[0, 0] = 0.0
     parts[0, 1] = 1.0
@@ -218,7 +193,7 @@ def rigid_arc_is_free(
 
 @kernel
 def rigid_slack(
-    bodies: Bodies, positions: Floats, matrices: Floats, spans: Floats, scratch: RigidScratch
+    required: float, positions: Floats, matrices: Floats, spans: Floats, scratch: RigidScratch
 ) -> float:
     """Return a lower bound of (distance - required distance) along a path.
 
@@ -226,7 +201,8 @@ def rigid_slack(
     becomes the pair of nodes that set the last bound, -1 for none.
     """
     memory = scratch.memory
-    scene = scene_for(bodies.scene, scratch.chain, bodies.required)
+    scene = scratch.scene
+    scene.padding[0] = required - scene.required
     ends = scratch.ends[0]
     best = math.inf
     ends[0] = 0.0
@@ -235,12 +211,12 @@ def rigid_slack(
         for i in range(3):
             ends[1 + i] = positions[k, i]
             for j in range(3):
-                scratch.chain.frames[1, i, j] = matrices[k, i, j]
-        forward_kinematics(scratch.chain, ends, ends, 0.0, memory.poses)
-        required = find_required_distance(scene, ends, ends)
+                scene.chain.frames[1, i, j] = matrices[k, i, j]
+        forward_kinematics(scene.chain, ends, ends, 0.0, memory.poses)
+        rounding = find_required_distance(scene, ends, ends)
         memory.directions[0, :] = 0.0
         enough = best + spans[k]
-        slack = bound_slack(scene, 0, NO_MOTION, memory.axes[:0], required, enough, memory)
+        slack = bound_slack(scene, 0, NO_MOTION, memory.axes[:0], rounding, enough, memory)
         best = min(best, slack - spans[k])
         if best <= 0.0:
             return 0.0

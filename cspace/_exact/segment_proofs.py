@@ -36,9 +36,18 @@ import numpy as np
 from cspace._bodies.box_trees import (
     FIRST_ITEM,
     ITEM_COUNT,
-    build_boxes,
     join_trees,
     push_halves,
+)
+from cspace._bodies.part_trees import (
+    CENTER,
+    HALF_SIDES,
+    LEVER,
+    NO_TREE,
+    RADIUS,
+    PartTree,
+    build_tree,
+    pack_triangles,
 )
 from cspace._shapes import RoundedSimplices
 from cspace._support.arrays import Floats, Ints, Row
@@ -57,35 +66,6 @@ from cspace._support.vectors import (
 
 MIN_SQUARED_LENGTH = 2.0**-600
 """Squared length of the shortest vector used as a projection axis."""
-
-
-CENTER, HALF_SIDES, LEVER = 0, 3, 6
-"""Columns of a tree's ``boxes`` where the center, the half sides and the longest lever begin."""
-
-
-RADIUS = 9
-"""Column of :attr:`Trees.triangles` after the three corners."""
-
-
-class Trees(NamedTuple):
-    """Segments in trees of boxes.
-
-    A node with n segments has two children: the next node has the first n // 2 of them, and the
-    node 2 (n // 2) later the others.
-
-    Attributes
-    ----------
-    boxes : ndarray of float64, shape (m, 7)
-        Center and half sides of each box, radii included, and the longest lever of its segments.
-    spans : ndarray of int64, shape (m, 2)
-        Index of the first segment of each node, and their number.
-    triangles : ndarray of float64, shape (n, 10)
-        Three corners of each segment and a radius, zero or above.
-    """
-
-    boxes: Floats
-    spans: Ints
-    triangles: Floats
 
 
 class Motion(NamedTuple):
@@ -115,29 +95,27 @@ class Motion(NamedTuple):
     drift: float
 
 
-def build_trees(borders: Sequence[RoundedSimplices], about_z: bool) -> tuple[Trees, list[int]]:
+def build_trees(borders: Sequence[RoundedSimplices], about_z: bool) -> tuple[PartTree, list[int]]:
     """Build a tree for each set of segments, in one record.
 
     Also returns the root of each tree, -1 if it is empty. Levers are distances from the z axis if
     ``about_z``, else from the origin.
     """
-    trees = []
-    for simplices, radii in borders:
-        dims_across_axis = 2 if about_z else 3
-        levers = np.linalg.norm(simplices[..., :dims_across_axis], axis=-1).max(axis=1)
-        growth = radii[:, np.newaxis]
-        low, high = simplices.min(axis=1) - growth, simplices.max(axis=1) + growth
-        boxes, order, spans = build_boxes(low, high, levers[:, np.newaxis])
-        rows = np.hstack([simplices.reshape(-1, 9), growth])
-        trees.append(Trees(boxes, spans, rows[order]))
-    none = Trees(np.empty((0, 7)), np.empty((0, 2), dtype=np.int64), np.empty((0, 10)))
-    joined, roots = join_trees(trees, none)
+    dims_across_axis = 2 if about_z else 3
+    trees = [
+        build_tree(
+            pack_triangles(border),
+            np.linalg.norm(border.simplices[..., :dims_across_axis], axis=-1).max(axis=1),
+        )
+        for border in borders
+    ]
+    joined, roots = join_trees(trees, NO_TREE)
     return joined, roots.tolist()
 
 
 @kernel
 def free_fraction(
-    trees: Trees, robot: int, others: tuple[int, int], motion: Motion, enough: float, nodes: Ints
+    trees: PartTree, robot: int, others: tuple[int, int], motion: Motion, enough: float, nodes: Ints
 ) -> float:
     """Return the fraction of a motion proven free.
 
@@ -178,7 +156,9 @@ def free_fraction(
 
 
 @internal
-def find_close_leaves(trees: Trees, motion: Motion, fraction: float, nodes: Ints, top: int) -> int:
+def find_close_leaves(
+    trees: PartTree, motion: Motion, fraction: float, nodes: Ints, top: int
+) -> int:
     """Find two leaves that may come too near during a motion.
 
     Only the given ``fraction`` of the motion counts. ``nodes``, shape (MAX_PENDING_PAIRS, 2), is a

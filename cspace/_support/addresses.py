@@ -11,7 +11,6 @@ from typing import Any, Final
 
 import numba
 from numba import types
-from numba._dispatcher import compute_fingerprint
 from numba.core.errors import TypingError
 from numba.core.typing.templates import Signature
 from numba.extending import NativeValue, intrinsic, models, register_model, unbox
@@ -50,15 +49,15 @@ class Address:
         self._numba_type_ = AddressType(compiled.signature)
 
 
-_addresses: Final = dict[tuple[Callable[..., Any], bytes], Address]()
+_addresses: Final = dict[tuple[Any, ...], Address]()
 
 
 def find_address(function: Callable[..., Any], *arguments: Any) -> Address:
     """Return the address of a kernel that returns a number, compiled for arguments like these."""
-    # Numba's own key of types is a hundred times as fast as the types.
-    key = function, compute_fingerprint(arguments)
+    argument_types = tuple(map(numba.typeof, arguments))
+    key = function, argument_types
     if key not in _addresses:
-        _addresses[key] = Address(function, tuple(map(numba.typeof, arguments)))
+        _addresses[key] = Address(function, argument_types)
     return _addresses[key]
 
 

@@ -202,9 +202,22 @@ def triangle_distance(p: Row, triangle: Floats) -> float:
     For a triangle thinner than :data:`THIN`, it is too small by at most THIN times the longest
     side.
     """
+    near, _ = bound_triangle_distance(p, triangle)
+    return near
+
+
+@internal
+def bound_triangle_distance(p: Row, triangle: Floats) -> tuple[float, float]:
+    """Bound a point's distance from a triangle (3, 3) from below and above.
+
+    The bounds differ for triangles thinner than :data:`THIN`. A segment repeats the last corner.
+    """
     a = row_at(triangle[0], 0)
     b = row_at(triangle[1], 0)
     c = row_at(triangle[2], 0)
+    if b == c:
+        distance = math.sqrt(segment_distance_square(p, a, b))
+        return distance, distance
     ab = minus(b, a)
     bc = minus(c, b)
     ca = minus(a, c)
@@ -220,7 +233,7 @@ def triangle_distance(p: Row, triangle: Floats) -> float:
     # The length of the normal is the longest side times the height over it.
     if length <= THIN * longest_square:
         # Every point of the triangle is within its height of its sides.
-        return max(0.0, distance - THIN * math.sqrt(longest_square))
+        return max(0.0, distance - THIN * math.sqrt(longest_square)), distance
     n = normal[0] / length, normal[1] / length, normal[2] / length
     ap = minus(p, a)
     # Beside the triangle, seen along the normal, the nearest point is on a side.
@@ -229,7 +242,9 @@ def triangle_distance(p: Row, triangle: Floats) -> float:
         or dot(n, cross(bc, minus(p, b))) < 0.0
         or dot(n, cross(ca, minus(p, c))) < 0.0
     )
-    return distance if is_beside else min(distance, abs(dot(n, ap)))
+    if not is_beside:
+        distance = min(distance, abs(dot(n, ap)))
+    return distance, distance
 
 
 @internal

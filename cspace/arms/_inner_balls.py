@@ -13,8 +13,8 @@ from cspace.inside import (
     Ints,
     Solids,
     SurfaceTree,
+    bound_point_distance,
     box_trees,
-    nearest_triangle,
     winding_number,
 )
 
@@ -87,7 +87,7 @@ def _find_surface_balls(surfaces: SurfaceTree, root: int) -> Floats:
     scratch = np.empty((box_trees.MAX_PENDING_PAIRS, 2), dtype=np.int64)
     depths = np.empty(len(points))
     for k, point in enumerate(map(tuple, points.tolist())):
-        depths[k] = nearest_triangle(surfaces, root, point, math.inf, scratch)
+        depths[k], _ = bound_point_distance(surfaces, root, point, math.inf, 0.0, scratch)
     for k in np.argsort(-depths, kind="stable").tolist():
         if len(balls) == MAX_BALLS_PER_SURFACE or not depths[k]:
             break

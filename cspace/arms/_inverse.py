@@ -39,6 +39,7 @@ from cspace.inside import (
     forward_kinematics,
     frozen,
     internal,
+    keep,
     kernel,
     rotation_rows,
     suggest_radians,
@@ -446,7 +447,7 @@ def branch_to(chain: Chain, body: int) -> Branch:
         between=chain.between[np.ix_(bodies, bodies, bodies)],
         lengths=chain.lengths[np.ix_(bodies, bodies)],
     )
-    return Branch(branch_chain, joints)
+    return Branch(keep(branch_chain), joints)
 
 
 def make_pose_problem(

@@ -45,6 +45,7 @@ from cspace.inside import (
     check_word,
     compute_poses,
     frozen,
+    keep,
     make_scene,
     names_options,
     pack_parts,
@@ -1370,7 +1371,7 @@ class _ArmBuilder:
         # A joint moves two bodies against each other if it carries one and not the other.
         between = carries[:, np.newaxis] != carries[np.newaxis]
         indices = [self._moving_names[joint.leader] for joint in joints]
-        return Chain(
+        chain = Chain(
             parents=np.array(parents, dtype=np.int64),
             frames=frames,
             axes=np.stack([np.zeros(3), *(joint.axis for joint in joints)]),
@@ -1381,6 +1382,7 @@ class _ArmBuilder:
             between=between,
             lengths=(between * link_lengths).sum(axis=2),
         )
+        return keep(chain)
 
 
 def _sort_joints(joints: Iterable[JointDescription], base: str) -> list[JointDescription]:

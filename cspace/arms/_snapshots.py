@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import chain, combinations
 from typing import Any, Final, NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,7 @@ from cspace.inside import (
     Cones,
     Floats,
     Ints,
+    SceneScratch,
     Solid,
     StaticShape,
     Upright,
@@ -42,6 +44,7 @@ from cspace.inside import (
     compute_poses,
     count_free_motions,
     find_proof,
+    keep,
     make_inner_scene,
     make_scene,
     make_scene_scratch,
@@ -53,6 +56,10 @@ from cspace.inside import (
 
 MIN_MOTIONS_PER_THREAD: Final = 100
 """Motions per thread below which a further thread costs more time than it saves."""
+
+
+_spare_scratch: Final = WeakKeyDictionary[ArmScene, list[SceneScratch]]()
+"""Scratch memory that no thread uses now, of scenes that are kept for several calls."""
 
 
 class Contact(NamedTuple):
@@ -138,7 +145,7 @@ class Snapshot:
         """
         for upright in uprights:
             check_known(upright.frame, "frame", self.arm.placements)
-        outer = self.outer._replace(cones=_make_cones(self.arm, uprights))
+        outer = keep(self.outer._replace(cones=_make_cones(self.arm, uprights)))
         return replace(self, outer=outer, uprights=tuple(uprights))
 
     def move_upright(self, points: Floats) -> Floats:
@@ -179,7 +186,7 @@ class Snapshot:
     @cached_property
     def inner(self) -> ArmScene:
         """Scene of inner shapes, which proves BLOCKED."""
-        return make_inner_scene(self.outer, [group.solid for group in self.groups])
+        return keep(make_inner_scene(self.outer, [group.solid for group in self.groups]))
 
     @cached_property
     def inner_balls(self) -> InnerBalls:
@@ -207,7 +214,13 @@ class Snapshot:
         min_chunks = max(1, MIN_MOTIONS_PER_THREAD // ends.shape[1])
         paddings = self.outer.padding + self.bound_displacements(deviations)
         tolerances = self.outer.cones.tolerances - self._bound_turns(deviations)
-        count = partial(count_free_motions, self.proof)
+
+        def count(scene: ArmScene, *arguments: Any) -> None:
+            """Count motions with a copy of the scene, to which the kernel writes."""
+            cones = scene.cones._replace(tolerances=scene.cones.tolerances.copy())
+            own = keep(scene._replace(padding=scene.padding.copy(), cones=cones))
+            count_free_motions(self.proof, own, *arguments)
+
         rows = starts, ends, paddings, tolerances, counts
         _run_in_threads(count, self.outer, *rows, min_items=min_chunks)
 
@@ -332,7 +345,7 @@ def make_snapshot(
     pairs = moved_pairs + fixed_pairs
     solids = [group.solid for group in groups]
     scene = make_scene(arm.chain, solids, pairs, arm._packed, _pad_pairs(groups, pairs), margin)
-    outer = scene.select_pairs(slice(len(moved_pairs)))
+    outer = keep(scene.select_pairs(slice(len(moved_pairs))))
     fixed = scene.select_pairs(slice(len(moved_pairs), None))
     snapshot = Snapshot(
         arm,
@@ -513,10 +526,17 @@ def _run_in_threads(
     min_items: int = MIN_MOTIONS_PER_THREAD,
 ) -> None:
     """Call ``kernel(scene, *arrays, scratch)`` on slices of contiguous arrays, in threads."""
+    scene = keep(scene)
+    spare = _spare_scratch.setdefault(scene, [])
 
     def run_slice(first: int, stop: int) -> int:
         """Run the kernel on some rows with its own scratch; -1 means that nothing failed."""
-        kernel(scene, *(array[first:stop] for array in arrays), make_scene_scratch(scene))
+        try:
+            scratch = spare.pop()
+        except IndexError:
+            scratch = make_scene_scratch(scene)
+        kernel(scene, *(array[first:stop] for array in arrays), scratch)
+        spare.append(scratch)
         return -1
 
     run_in_chunks(run_slice, len(arrays[0]), min_items)

@@ -12,24 +12,32 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Protocol, TypeAlias
-from warnings import catch_warnings, simplefilter
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike
 
-from cspace import Robot, Rotations, Workspace, build
+from cspace import Robot, Rotations
 from cspace.errors import InputError
 from cspace.inside import (
     AXES,
     Cores,
     Floats,
+    Part,
+    Solid,
+    StaticShape,
+    are_free,
+    bound_distances,
     check_finite,
     check_not_negative,
     check_number,
     check_point,
+    keep,
+    make_floating_chain,
+    make_scene,
+    make_scene_scratch,
     names_options,
-    proofs_of,
+    pack_parts,
     robot_of,
     tell_apart,
     warn_of_large,
@@ -37,7 +45,6 @@ from cspace.inside import (
 )
 
 if TYPE_CHECKING:
-    from cspace import CSpace
     from cspace.inside import Shape, ShapeLike
     from planners import Trajectory
 
@@ -49,9 +56,6 @@ SPEED_ROUNDING: Final = 1e-9
 
 MAX_CLOCK_STEP: Final = 1e-3
 """Largest difference, seconds, between two successive times of a clock."""
-
-CELLS_PER_SIDE: Final = 16
-"""Number of cells along the longest side of the map around a solid."""
 
 MAX_SAMPLES: Final = 300
 """Number of points of a solid that are tried to be inside another one."""
@@ -378,22 +382,28 @@ class PlaneMeasure:
 
 
 class SolidMeasure:
-    """Distances of two solids, the second as an obstacle in its own frame."""
+    """Distances of two solids, as seen from the second."""
 
     def __init__(self, first: Shape, second: Shape) -> None:
-        """Make a small map of the second solid for the first."""
-        self._space = _build_around(first, second)
+        """Lay both solids ready as bodies, of which the first moves."""
+        reach = float(np.linalg.norm(np.ptp(first.outer.bounds, axis=0)))
+        moved, fixed = Part(first, np.eye(4)), StaticShape(second, np.eye(4), reach)
+        solids = [Solid("first", 1, (moved,)), Solid("second", 0, (fixed,))]
+        self._scene = keep(make_scene(make_floating_chain(), solids, [(0, 1)], pack_parts([])))
         self._inner = first.inner, second.inner
         self._samples = _sample_solid(first.inner), _sample_solid(second.inner)
 
     def bound_below(self, poses: Floats, others: Floats) -> Floats:
-        """Return lower bounds by boundaries, 0 for possible nesting."""
-        proofs = proofs_of(self._space)
-        none = np.zeros(1)
+        """Return lower bounds by hulls, 0 for nesting."""
+        x, y, z, yaws = _relate(poses, others).T
+        rows = np.column_stack([yaws, x, y, z])
+        is_free = are_free(self._scene, rows, rows)  # which is found sooner than a distance
+        distances = np.empty(np.count_nonzero(is_free))
+        nearest = np.empty((len(distances), 3), dtype=np.int64)
+        scratch = make_scene_scratch(self._scene)
+        bound_distances(self._scene, rows[is_free], distances, nearest, scratch)
         bounds = np.zeros(len(poses))
-        for k, row in enumerate(_relate(poses, others)):
-            if proofs.are_free(row[np.newaxis], row[np.newaxis])[0]:
-                bounds[k] = proofs.slack(row[np.newaxis], none, none)
+        bounds[is_free] = np.maximum(distances, 0.0)
         return bounds
 
     def bound_above(self, poses: Floats, others: Floats) -> tuple[Floats, Floats]:
@@ -413,18 +423,6 @@ class SolidMeasure:
             bounds[k] = max(float(gaps[a, b]), 0.0)
             steps[k] = _turn_about_z(others[k, 3]) @ (other_points[b] - placed[a])
         return bounds, steps
-
-
-def _build_around(first: Shape, second: Shape) -> CSpace:
-    """Build a small map of two solids, with a yaw."""
-    reach = 2.0 * float(np.linalg.norm(np.abs(first.outer.bounds).max(axis=0)))
-    low, high = (np.asarray(corner) for corner in second.outer.bounds)
-    spacing = (float((high - low).max()) + 2.0 * reach) / CELLS_PER_SIDE
-    bounds = np.concatenate([low - reach, high + reach])
-    with catch_warnings():
-        simplefilter("ignore")  # the user chose neither cells nor bounds
-        workspace = Workspace.from_shapes([second], spacing, bounds)
-        return build(workspace, Robot("robot", first), rotations=4, outside="free")
 
 
 def _sample_solid(shape: Shape) -> tuple[Floats, Floats]:

@@ -21,8 +21,11 @@ from cspace.inside import (
     Floats,
     Ints,
     ShapeLike,
+    SurfaceTree,
     allocating,
     as_shape,
+    bound_point_distance,
+    box_trees,
     check_count,
     check_positive,
     check_word,
@@ -33,11 +36,9 @@ from cspace.inside import (
 from cspace.spectral._arrange import MAX_SEARCHED_BALLS, Arrangement, Depths
 from cspace.spectral._regions import (
     Lattice,
-    PieceTree,
     Region,
     bound_ball_measure,
     bound_balls_to_shape,
-    bound_distance,
     bound_shape_to_balls,
 )
 
@@ -344,7 +345,8 @@ def _fill_greedily(lattice: Lattice, number: int) -> LatticeBalls:
     balls = candidates.select(chosen)
     # Move the balls a little, to contain more.
     frame = lattice.corner, lattice.side, boundary.error
-    polish(cells, boundary.tree, balls.centers, balls.depths, *frame)
+    nodes = np.empty((box_trees.MAX_PENDING_PAIRS, 2), dtype=np.int64)
+    polish(cells, boundary.tree, balls.centers, balls.depths, *frame, nodes)
     return balls
 
 
@@ -663,19 +665,20 @@ def trim(cells: CellCounts, centers: Floats, reaches: Floats, order: Ints, only_
 @kernel
 def polish(
     cells: CellCounts,
-    tree: PieceTree,
+    tree: SurfaceTree,
     centers: Floats,
     radii: Floats,
     corner: Floats,
     side: float,
     error: float,
+    nodes: Ints,
 ) -> None:
     """Move balls inside the shape to contain more cells, in place.
 
     A step ends inside the ball, and the distance from the boundary becomes the new radius. Steps go
     along the axes, and halve if none helps. ``centers`` has shape (n, 3), ``radii`` (n,).
     ``corner``, shape (3,), is that of the lattice in the space of the tree, ``side`` the side of a
-    cell, and ``error`` that of distances; metres.
+    cell, and ``error`` that of distances; metres. ``nodes`` is scratch.
     """
     first_step = 2.0  # sides of a cell
     for _ in range(6):
@@ -699,7 +702,7 @@ def polish(
                     z = corner[2] + side * center[2]
                     # A radius grows by a step at most.
                     cap = 1.01 * side * (radii[ball] + step) + 4.0 * error
-                    distance, _ = bound_distance(tree, (x, y, z), cap)
+                    distance, _ = bound_point_distance(tree, 0, (x, y, z), cap, 0.0, nodes)
                     radius = (distance - error) / side
                     gain = -1
                     if radius > 0.0:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from functools import cached_property
 from itertools import product
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,10 @@ from cspace.inside import (
     ExactShape,
     Floats,
     Ints,
-    Row,
     Shape,
-    allocating,
+    SurfaceTree,
     as_shape,
+    bound_point_distance,
     box_trees,
     check_memory,
     kernel,
@@ -128,7 +128,8 @@ class ShapeBoundary:
         def bound_chunk(start: int, stop: int) -> int:
             """Bound the distances of some points; -1 means that none is invalid."""
             chunk = slice(start, stop)
-            bound_distances(self.tree, spatial[chunk], cap, near[chunk], far[chunk])
+            nodes = np.empty((box_trees.MAX_PENDING_PAIRS, 2), dtype=np.int64)
+            bound_distances(self.tree, spatial[chunk], cap, near[chunk], far[chunk], nodes)
             return -1
 
         # Points per thread below which a further thread costs more time than it saves.
@@ -150,28 +151,14 @@ class ShapeBoundary:
         return points, normals[chosen] / lengths
 
     @cached_property
-    def tree(self) -> PieceTree:
+    def tree(self) -> SurfaceTree:
         """Tree of the pieces, for distances."""
         # Segments of the plane get x = 0 and repeat their last corner.
         missing = 3 - self.dim
         triangles = np.pad(self.pieces, ((0, 0), (0, missing), (missing, 0)), mode="edge")
         triangles[..., :missing] = 0.0
-        # Distances from thin triangles may be too small, by as much as their height.
-        edges = np.roll(triangles, -1, axis=1) - triangles
-        edge_lengths = np.linalg.norm(edges, axis=2)
-        longest = edge_lengths.max(axis=1)
-        doubled_areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-        is_spatial = self.dim == 3
-        # Height of thin triangles, relative to their longest side; distances from them may be too
-        # small by as much.
-        thin_height = 2.0**-12 * (1.0 + 2.0**-20)
-        is_thin = is_spatial & (doubled_areas <= thin_height * longest**2)
-        errors = np.where(is_thin, thin_height * longest, 0.0)
-        # The boxes of the tree are grown by the errors.
-        low = triangles.min(axis=1) - errors[:, np.newaxis]
-        high = triangles.max(axis=1) + errors[:, np.newaxis]
-        boxes, order, spans = box_trees.build_boxes(low, high)
-        return PieceTree(triangles[order], errors[order], boxes, spans, is_spatial)
+        boxes, order, spans = box_trees.build_boxes(triangles.min(axis=1), triangles.max(axis=1))
+        return SurfaceTree(boxes, spans, triangles[order], np.ones(len(order), dtype=np.int64))
 
 
 class Region:
@@ -321,83 +308,17 @@ def _find_cell_side(region: Region, box_cells: float) -> float:
 # ---- distances -----------------------------------------------------------------------------------
 
 
-class PieceTree(NamedTuple):
-    """Pieces of a boundary and the boxes of their tree.
-
-    ``pieces``, shape (n, 3, 3), are triangles or, unless ``spatial``, segments between their first
-    two corners. ``errors``, shape (n,), bound how much the distances to them may be too small.
-    ``boxes`` and ``spans``, shapes (m, 6) and (m, 2), are those of
-    :mod:`cspace.inside.box_trees`.
-    """
-
-    pieces: Floats
-    errors: Floats
-    boxes: Floats
-    spans: Ints
-    spatial: bool
-
-
-@allocating
-def bound_distance(tree: PieceTree, position: Row, cap: float) -> tuple[float, float]:
-    """Bound the distance to a boundary, up to ``cap``, both ways.
-
-    ``position`` has three coordinates, metres.
-    """
-    near = cap
-    far = cap
-    # A stack of nodes, each with its distance, which begins with the root.
-    # Capacity of the stack of tree nodes: twice the depth of a tree over 2^30 pieces.
-    max_pending_nodes = 64
-    pending = np.empty(max_pending_nodes, dtype=np.int64)
-    gaps = np.empty(max_pending_nodes)
-    pending[0] = 0
-    gaps[0] = 0.0
-    count = 1
-    while count > 0:
-        count -= 1
-        # Boxes include the errors of their pieces, so no piece is nearer than its box.
-        if gaps[count] >= far:
-            continue
-        node = pending[count]
-        start, size = tree.spans[node]
-        # Pieces of a node that are measured at once, because further boxes would take longer.
-        if size <= 6:
-            for n in range(start, start + size):
-                piece = tree.pieces[n]
-                if tree.spatial:
-                    gap = vectors.triangle_distance(position, piece)
-                else:
-                    start_corner = vectors.row_at(piece[0], 0)
-                    stop_corner = vectors.row_at(piece[1], 0)
-                    gap = math.sqrt(
-                        vectors.segment_distance_square(position, start_corner, stop_corner)
-                    )
-                near = min(near, gap)
-                far = min(far, gap + tree.errors[n])
-            continue
-        child_a = node + 1
-        child_b = node + 2 * (size // 2)
-        gap_a = vectors.box_distance(tree.boxes[child_a], position)
-        gap_b = vectors.box_distance(tree.boxes[child_b], position)
-        # Push the nearer box last, so that it is popped first.
-        if gap_a < gap_b:
-            child_a, child_b, gap_a, gap_b = child_b, child_a, gap_b, gap_a
-        pending[count] = child_a
-        pending[count + 1] = child_b
-        gaps[count] = gap_a
-        gaps[count + 1] = gap_b
-        count += 2
-    return near, far
-
-
 @kernel
-def bound_distances(tree: PieceTree, points: Floats, cap: float, near: Floats, far: Floats) -> None:
+def bound_distances(
+    tree: SurfaceTree, points: Floats, cap: float, near: Floats, far: Floats, nodes: Ints
+) -> None:
     """Bound distances of points (n, 3) from the boundary, up to ``cap``.
 
-    ``near`` and ``far``, shape (n,), receive the lower and upper bounds.
+    ``near`` and ``far``, shape (n,), receive the lower and upper bounds; ``nodes`` is scratch.
     """
     for n in range(len(points)):
-        near[n], far[n] = bound_distance(tree, vectors.row_at(points[n], 0), cap)
+        point = vectors.row_at(points[n], 0)
+        near[n], far[n] = bound_point_distance(tree, 0, point, cap, 0.0, nodes)
 
 
 def bound_ball_measure(centers: Floats, radii: Floats) -> tuple[float, float]:

@@ -55,10 +55,10 @@ def test_motion_bounds_agree_with_differences(tmp_path, make, start, end):
     poses = [arm.poses(q0 + t * (q1 - q0)) for t in times]
     nearest = 0.0
     for one in arm.links:
-        corners = np.concatenate([part.boundary.corners.reshape(-1, 3) for part in one.parts])
+        corners = np.concatenate([part.boundary.simplices.reshape(-1, 3) for part in one.parts])
         corners = np.c_[corners, np.ones(len(corners))][rng.permutation(len(corners))[:20]]
         radius = max(
-            float(np.linalg.norm(part.boundary.corners, axis=-1).max()) for part in one.parts
+            float(np.linalg.norm(part.boundary.simplices, axis=-1).max()) for part in one.parts
         )
         for other in arm.links:
             if one.body == other.body:
@@ -97,7 +97,7 @@ def test_long_motions_never_miss_a_ball(tmp_path, seed, rounds):
     touch = [("l0", "seed"), *((a, b) for a in names for b in names if a < b)]
     for k in range(rounds):
         each = arm.links[-1] if k % 2 else arm.links[1 + k % 4]
-        triangles = np.concatenate([part.boundary.corners for part in each.parts])
+        triangles = np.concatenate([part.boundary.simplices for part in each.parts])
         point = rng.dirichlet((0.3, 0.3, 0.3)) @ triangles[rng.integers(len(triangles))]
         q0, q1 = np.where(rng.random((2, arm.dof)) < 0.5, lower, upper)
         if k % 3 == 0:

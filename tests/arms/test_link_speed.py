@@ -99,7 +99,7 @@ def test_real_links_are_as_fast_as_their_points(data, name):
         measure = measure_by_differences(path, arm, q, rate)
         for solid in arm.links:
             to_link = np.linalg.inv(arm.placements[solid.name].pose)
-            parts = [part.bounds_pair[0].boundary.corners.reshape(-1, 3) for part in solid.parts]
+            parts = [part.bounds_pair[0].boundary.simplices.reshape(-1, 3) for part in solid.parts]
             points = np.vstack(parts) @ to_link[:3, :3].T + to_link[:3, 3]
             points = np.vstack([points, np.zeros(3)])
             found = arm.link_speed(solid.name, q, rate)

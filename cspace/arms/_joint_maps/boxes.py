@@ -49,6 +49,7 @@ from cspace.inside import (
     forward_kinematics,
     internal,
     joint_displacement,
+    keep,
     kernel,
     lies_deep,
     make_scene_scratch,
@@ -92,7 +93,8 @@ class CellProofs:
 
     def select_pairs(self, which: Bools | slice) -> CellProofs:
         """Return the proofs of some pairs of solids."""
-        outer, inner = (scene.select_pairs(which) for scene in (self.snapshot.outer, self.inner))
+        scenes = self.snapshot.outer, self.inner
+        outer, inner = (keep(scene.select_pairs(which)) for scene in scenes)
         return replace(self, snapshot=replace(self.snapshot, outer=outer), inner=inner)
 
     def find_tubes(
@@ -126,8 +128,10 @@ class CellProofs:
         sought only ``with_crossings``.
         """
         states = np.empty(len(starts), dtype=np.uint8)
-        prove, outer = self.snapshot.proof, self.snapshot.outer
         tubes = self.find_tubes(starts, stops)
+        # The thread's own scene, to which the kernel writes.
+        outer = keep(self.snapshot.outer._replace(deviations=np.empty(len(self.held))))
+        prove = self.snapshot.proof
         classify_tubes(
             prove, outer, self.inner, self.balls, *tubes, with_crossings, states, scratch
         )
@@ -194,17 +198,9 @@ def classify_tubes(
     them crossed, and the search is slow. ``prove`` belongs to ``scene``, and proves FREE.
     """
     for k in range(len(firsts)):
-        tube = ArmScene(
-            scene.chain,
-            scene.solids,
-            scene.pairs,
-            scene.padding,
-            scene.max_coordinate,
-            scene.required,
-            scene.cones,
-            deviations[k],
-        )
-        if call(prove, (tube, firsts[k], lasts[k], scratch)):
+        for joint in range(len(scene.deviations)):
+            scene.deviations[joint] = deviations[k, joint]
+        if call(prove, (scene, firsts[k], lasts[k], scratch)):
             out[k] = FREE
             continue
         out[k] = MIXED

@@ -24,6 +24,7 @@ from cspace.inside import (
     find_proof,
     internal,
     is_over,
+    keep,
     kernel,
     make_scene_scratch,
     move_into_cones,
@@ -401,7 +402,7 @@ class PathSearch:
         limit: Effort,
     ) -> None:
         """Sort the goals, the nearest to the start first, and begin to count."""
-        self._scene = scene
+        self._scene = keep(scene)
         self._prove = find_proof(scene)
         self._scratch = make_scene_scratch(scene)
         self._end = now() + limit
