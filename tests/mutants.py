@@ -566,7 +566,7 @@ FAULTS: dict[str, dict[str, dict[str, str]]] = {
             "return edges.path_cost(path) + _measure_onward(edges, path[-1], onward)": "return edges.path_cost(path)",
             "ends = np.cumsum(list(map(len, paths))) - 1": "ends = np.cumsum(list(map(len, paths)))",
             "*(each.path[1:] for each in results[1:])": "*(each.path for each in results[1:])",
-            "if best.result.proven and not _may_cost_less(task, route, least, best, onward):": "if best.result.proven:",
+            "if not best.result.proven or _may_cost_less(task, route, least, best, onward):": "if not best.result.proven:",
         },
         "planners/_edges/differential.py": {
             "path[max(row - 1, 0) : row + 2, :2], min(row, 1)": "path[row - 1 : row + 2, :2], 1",
@@ -930,7 +930,7 @@ FAULTS: dict[str, dict[str, dict[str, str]]] = {
     "tests/exact/test_closest.py": {
         "cspace/_exact/proofs.py": {
             "turns = np.cross(points[0] - positions[0], away)": "turns = np.cross(points[1] - points[0], away)",
-            "bare = boundaries._replace(required=boundaries.required - boundaries.scale * self._margin)": "bare = boundaries",
+            "required = boundaries.required - boundaries.scale * self._margin": "required = boundaries.required",
         },
     },
 }
