@@ -488,6 +488,24 @@ def test_a_robot_turns_to_the_yaw_of_the_alternative_that_it_passes(drive):
 
 
 @pytest.mark.parametrize("drive", DRIVES)
+def test_start_and_goal_may_be_places_on_the_way(drive):
+    space = build_field()
+    start, goal = (1.5, 1.5, 0.0), (10.5, 2.0, 1.0)
+    limits = LIMITS | (TURN_LIMITS if drive not in ("dubins", "reeds-shepp") else {})
+    for via, first, last in [
+        ([start], 0, 0),
+        ([goal], None, None),
+        ([start, start, goal], 0, None),
+    ]:
+        plan = planners.plan(space, start, goal, via=via, time_limit=9.0, **options_for(drive))
+        assert plan.certified and len(plan.via_rows) == len(via)
+        end = len(plan.path) - 1
+        assert plan.via_rows[0] == (end if first is None else 0)
+        assert plan.via_rows[-1] == (end if last is None else 0)
+        assert plan.trajectory(**limits, stop_at_via=True).certified
+
+
+@pytest.mark.parametrize("drive", DRIVES)
 def test_of_several_places_the_one_on_the_shorter_way_is_passed(drive):
     """A place near the start may lie off the way on; without obstacles all lengths are known."""
     space = build_open_map("turning")
