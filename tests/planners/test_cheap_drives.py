@@ -1,7 +1,6 @@
 """Plans of drives by costs: time, clearance, and costs of one's own on cells."""
 
 import heapq
-import itertools
 import math
 
 import numpy as np
@@ -147,14 +146,6 @@ def test_a_differential_drive_pays_hardly_more_than_the_cheapest_chain():
     ratios = check_near_least(1)
     assert ratios
     assert max(ratios) < 1.1
-
-
-@pytest.mark.thorough
-def test_differential_drives_pay_hardly_more_than_the_cheapest_chains():
-    # No proof: a search whose estimate is weighted misses some ways, so the draws are fixed.
-    ratios = list(itertools.chain(*map(check_near_least, range(2, 22))))
-    assert np.median(ratios) < 1.02
-    assert np.mean(np.array(ratios) < 1.1) > 0.9
 
 
 @pytest.mark.parametrize("rounds", few([1, 2]))
