@@ -218,6 +218,18 @@ def test_a_node_with_a_yaw_needs_the_turn(rooms):
         assert cspace.lanes.audit(rooms, graph).lanes[0].verdict == verdict
 
 
+def test_a_node_with_a_range_of_yaws_needs_the_turns_to_both_ends_of_it():
+    """The lane has the yaw 0, and the node those from 0.5 to 3.5 rad."""
+    space = build_empty((80, 60), cspace.Robot.rectangle(1.0, 0.1, (0.5, 0.0)), rotations=72)
+    graph = RouteGraph.from_arrays([(3, 3), (4, 3)], [(0, 1)], yaws=[2.0, math.nan])
+    graph = replace(graph, yaw_deviations={"0": 1.5})
+    assert cspace.lanes.audit(space, graph).lanes[0].verdict == "free"
+    for angle in (0.25, 2.0, 5.0):
+        tip = 3.0 + 0.9 * np.array([math.cos(angle), math.sin(angle)])
+        space.add_obstacle("post", shapely.Point(tip).buffer(0.05))
+        assert cspace.lanes.audit(space, graph).lanes[0].verdict == "blocked"
+
+
 @pytest.mark.parametrize("turn", [0.0, math.pi / 2, math.pi, -math.pi / 2])
 def test_lanes_join_at_one_yaw_however_it_is_written(turn):
     # A corridor in which the robot fits at one yaw, driven one way ahead and the other in reverse.

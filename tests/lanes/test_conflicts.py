@@ -204,6 +204,7 @@ def test_verdicts_are_symmetric_and_an_element_touches_itself(spaces):
         assert row.verdict == "touch"
         assert row.poses[0] == row.poses[1]
     # Two margins of 5 cm count as a distance of 10 cm.
+    graph = draw_graph(np.random.default_rng(4))
     grown = cspace.lanes.conflicts(build("arrow", margin=0.05), graph)
     assert grown.counts == cspace.lanes.conflicts(spaces["arrow"], graph, margin=0.1).counts
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from hypothesis import assume, example, given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import cspace
@@ -164,48 +164,6 @@ def test_drawn_motions_keep_all_laws(various, seed, number, count, begin):
     # In 0.1 s, robot and others come nearer by at most 0.3 m.
     found = search_by_own_time(free, others, 60.0, 0.1 + 0.15)
     assert timing.arrival_bound <= found + 0.1
-
-
-@examples(120)
-@given(
-    speed=st.floats(0.3, 2.0),
-    angle=st.floats(0.3, math.pi - 0.3),
-    when=st.floats(2.0, 8.0),
-    early=st.floats(-1.5, 1.5),
-    margin=st.sampled_from([0.0, 0.1]),
-)
-@example(speed=1.0, angle=1.5, when=4.0, early=0.0, margin=0.0)
-def test_bounds_enclose_the_earliest_arrival_behind_one_that_crosses(
-    straight, speed, angle, when, early, margin
-):
-    # Seen from the robot, which changes its speed at once, the other one moves along a line.
-    ahead = np.array([math.cos(angle), math.sin(angle)])
-    spot = np.array([1.0 + when, 3.0])
-    other = Mover("disc:0.3", spot, at=when + early, velocity=speed * ahead, error=0.05)
-    relative = speed * ahead - (1.0, 0.0)
-    relative /= np.linalg.norm(relative)
-    place = np.array([when, 0.0]) - (when + early) * speed * ahead
-    # The waits that let them touch, for what a wait moves the other one.
-    side = place[0] * relative[1] - place[1] * relative[0]
-    reach = (0.65 + margin) / abs(relative[1])
-    first, last = -side / relative[1] - reach, -side / relative[1] + reach
-    needed = last if first < 0.0 < last else 0.0
-    # They touch on the way alone.
-    t = np.linspace(0.0, 50.0, 5001)[:, np.newaxis]
-    away = np.linalg.norm(place + t * speed * ahead, axis=1)
-    away_from_end = np.linalg.norm(place + t * speed * ahead - (8.0, 0.0), axis=1)
-    assume(away[t[:, 0] < needed + 0.5].min() > 0.75 + margin)
-    assume(away_from_end[t[:, 0] > needed + 7.5].min() > 0.75 + margin)
-    space, _ = straight
-    free = planners.plan(space, (1.0, 3.0), (9.0, 3.0)).trajectory(
-        max_velocity=1.0, max_acceleration=1e5
-    )
-    timing = time_around(Mover(space.robot, free), [other], margin=margin, until=50.0)
-    assert timing.arrival_bound <= 8.0 + needed + 1e-4
-    # A shorter wait may do, if they would touch only before the start or beyond the end.
-    if min(abs(first), abs(last)) > 0.05:
-        assert timing.arrival_bound >= timing.trajectory.duration - 0.6
-        assert timing.trajectory.duration <= 8.0 + needed + 0.6
 
 
 @pytest.mark.parametrize("gap", [-0.05, -1e-3, 1e-3, 0.05])

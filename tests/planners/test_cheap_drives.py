@@ -1,7 +1,6 @@
 """Plans of drives by costs: time, clearance, and costs of one's own on cells."""
 
 import heapq
-import itertools
 import math
 
 import numpy as np
@@ -149,14 +148,6 @@ def test_a_differential_drive_pays_hardly_more_than_the_cheapest_chain():
     assert max(ratios) < 1.1
 
 
-@pytest.mark.thorough
-def test_differential_drives_pay_hardly_more_than_the_cheapest_chains():
-    # No proof: a search whose estimate is weighted misses some ways, so the draws are fixed.
-    ratios = list(itertools.chain(*map(check_near_least, range(2, 22))))
-    assert np.median(ratios) < 1.02
-    assert np.mean(np.array(ratios) < 1.1) > 0.9
-
-
 @pytest.mark.parametrize("rounds", few([1, 2]))
 @EVERY_DRIVE
 def test_no_plan_by_cost_costs_more_than_the_one_by_length(drive, rounds):
@@ -190,6 +181,19 @@ def test_costs_of_one_for_each_metre_change_nothing(drive):
 
 
 # ---- costs of reversing ---------------------------------------------------------------------------
+
+
+def test_costs_of_one_for_each_metre_leave_costs_of_switches():
+    space = build_world(0)
+    costs = planners.WeightedLength(np.zeros((len(space.slice_rotations), 60, 50)))
+    car = planners.Car(0.4, reverse=True, switch_cost=0.5)
+    totals = np.zeros(2)
+    for ends in space.sample_free(12, np.random.default_rng([0, 9])).reshape(6, 2, 3):
+        for k, options in enumerate(({}, {"objective": costs})):
+            totals[k] += measure_driving(
+                planners.plan(space, *ends, drive=car, **options), 1.0, 0.5
+            )
+    assert totals[1] == pytest.approx(totals[0], rel=0.002)
 
 
 def measure_driving(plan, reverse_cost, switch_cost):
@@ -246,6 +250,25 @@ def test_a_plan_comes_although_the_shortest_path_is_not_proven_as_one_with_costs
     ends = space.sample_free(12, np.random.default_rng([13, 9])).reshape(6, 2, 3)[4]
     plan = planners.plan(space, *ends, drive=planners.Car(0.4, reverse=True, switch_cost=2.0))
     assert plan.certified
+
+
+def test_of_plans_for_several_costs_each_is_the_cheapest_by_its_own():
+    prices = [(1.0, 2.0), (1.0, 5.0), (3.0, 0.0)]
+    names = "reverse_cost", "switch_cost"
+    cars = [
+        planners.Car(0.4, reverse=True, **dict(zip(names, price, strict=True))) for price in prices
+    ]
+    ratios = []
+    for seed in range(3):
+        space = build_world(seed)
+        rng = np.random.default_rng([seed, 9])
+        for ends in space.sample_free(12, rng).reshape(6, 2, 3):
+            plans = [planners.plan(space, *ends, drive=car) for car in cars]
+            if all(plans):
+                costs = [[measure_driving(plan, *price) for plan in plans] for price in prices]
+                ratios += [row[k] / min(row) for k, row in enumerate(costs)]
+    # A lattice finds no cheapest path.
+    assert len(ratios) > 20 and np.mean(ratios) < 1.02
 
 
 @pytest.mark.parametrize("price", few([3.0, 1.5, 6.0]))

@@ -16,6 +16,7 @@ import pytest
 import shapely
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from scipy import ndimage
 
 import cspace
 import planners
@@ -24,7 +25,7 @@ from cspace.inside import now
 from tests.checker.no_path import holds
 from tests.helpers.any_plan import draw_place
 from tests.helpers.drives import is_car
-from tests.helpers.handmade import build_empty, map_of
+from tests.helpers.handmade import build_empty, components, map_of
 from tests.helpers.motions import pass_near
 from tests.helpers.plain import places_of
 from tests.helpers.planning import (
@@ -213,6 +214,40 @@ def test_a_room_around_a_blocked_goal_is_reached_and_without_one_the_nearest_is_
     turning = build_room("turning")
     with pytest.raises(ConfigurationError, match="free in the region, at any rotation"):
         planners.plan(turning, ENDPOINTS["turning"][0], shapely.box(1.85, 0.5, 1.95, 1.0))
+
+
+@examples(40)
+@given(seeds, st.sampled_from([None, 4]), st.sampled_from([0.0, math.pi]))
+def test_the_closest_goal_is_in_the_nearest_free_cell_joined_to_the_start(seed, turns, angle):
+    rng = np.random.default_rng(seed)
+    shape = (turns or 1, 12, 9)
+    states = rng.choice([FREE, MIXED, BLOCKED], shape, p=[0.62, 0.19, 0.19]).astype(np.uint8)
+    states[0, 0, 0] = FREE
+    space = build_from_states(states if turns else states[0], turns)
+    yaw = [float(rng.uniform(-math.pi, math.pi))] if turns else []
+    goal = (*rng.uniform((-1.0, -1.0), (13.0, 10.0)).tolist(), *yaw)
+    start = (0.5, 0.5, *space.rotations.centers[0].tolist())
+    labels = components(states == FREE, "turning")
+    # Cells that touch at a corner may be joined, too.
+    corners = ndimage.label(states == FREE, np.ones((3, 3, 3)))[0] if not turns else states == FREE
+    position = np.array(goal[:2])
+    cells = np.stack(np.indices(shape[1:]), axis=-1)
+    gaps = np.linalg.norm(position.clip(cells, cells + 1.0) - position, axis=-1)
+    rows = slice(None) if angle else space.rotations.cell_of(goal[2:])
+    most, least = (
+        np.where(each[rows] == each[0, 0, 0], gaps, np.inf).min() for each in (labels, corners)
+    )
+    place = planners.Near(goal, 30.0, angle, closest=True)
+    if math.isinf(least):
+        with pytest.raises(ConfigurationError, match="that FREE cells join to the start"):
+            planners.plan(space, start, place)
+        return
+    assume(least == most)
+    plan = planners.plan(space, start, place)
+    assert most - 1e-9 <= math.dist(plan.goal[:2], position) <= most + 1e-5
+    assert space.is_connected(start, plan.goal)
+    assert f"no nearer to goal than {tuple(plan.goal.tolist())}, {most:.3g} m" in plan.status
+    assert plan.certified or turns
 
 
 def test_the_closest_goal_is_the_goal_itself_if_a_path_leads_there():
@@ -450,6 +485,24 @@ def test_a_robot_turns_to_the_yaw_of_the_alternative_that_it_passes(drive):
     row = plan.path[plan.via_rows[0]]
     assert row.tolist() == [4.5, 4.5, 2.0]
     assert pass_near(plan.trajectory(**LIMITS, **TURN_LIMITS), row)[0] < 7e-7
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+def test_start_and_goal_may_be_places_on_the_way(drive):
+    space = build_field()
+    start, goal = (1.5, 1.5, 0.0), (10.5, 2.0, 1.0)
+    limits = LIMITS | (TURN_LIMITS if drive not in ("dubins", "reeds-shepp") else {})
+    for via, first, last in [
+        ([start], 0, 0),
+        ([goal], None, None),
+        ([start, start, goal], 0, None),
+    ]:
+        plan = planners.plan(space, start, goal, via=via, time_limit=9.0, **options_for(drive))
+        assert plan.certified and len(plan.via_rows) == len(via)
+        end = len(plan.path) - 1
+        assert plan.via_rows[0] == (end if first is None else 0)
+        assert plan.via_rows[-1] == (end if last is None else 0)
+        assert plan.trajectory(**limits, stop_at_via=True).certified
 
 
 @pytest.mark.parametrize("drive", DRIVES)

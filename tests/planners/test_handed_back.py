@@ -74,12 +74,3 @@ def test_messages_of_a_plan_hold_its_poses(plan):
     else:
         points = plan.trajectory(**limits_of(plan)).to_joint_trajectory().points
         assert plan.space.certify_path([point.positions for point in points]).all()
-
-
-@pytest.mark.parametrize("plan", ["arm"], indirect=True)
-def test_poses_of_an_arm_are_those_it_solves_and_follows(plan):
-    arm = plan.space.arm
-    pose = arm.pose(plan.goal, "fore")
-    (found,) = arm.inverse("fore", pose, near=plan.goal, max_solutions=1)
-    np.testing.assert_allclose(arm.pose(found, "fore"), pose, atol=1e-6)
-    assert plan.space.follow_line(plan.goal, "fore", [pose])

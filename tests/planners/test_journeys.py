@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 import cspace
 import planners
 from cspace import BLOCKED, FREE, MIXED, ConfigurationError
-from tests.helpers.handmade import build_empty, components, map_of
+from tests.helpers.handmade import components, map_of
 from tests.helpers.placements import turn_between
 from tests.helpers.planning import options_for
 from tests.helpers.strategies import examples, few, seeds
@@ -316,11 +316,3 @@ def test_a_car_leaves_out_a_place_that_it_cannot_leave():
     ):
         plan = planners.plan(space, *ends, via=via, drive=drive, time_limit=3.0)
         assert plan.certified and plan.path[plan.via_rows[0]].tolist() == list(passed)
-
-
-def test_a_region_as_start_may_reach_beyond_the_map():
-    space = build_empty((40, 30), cspace.Robot.disc(0.2), outside="free")
-    beyond = shapely.box(-3.0, 0.5, 1.0, 1.5)
-    for goal in ([(3.0, 1.0), (3.0, 2.0)], shapely.box(2.5, 0.5, 3.0, 2.0), (3.0, 1.0)):
-        plan = planners.plan(space, beyond, goal)
-        assert plan.certified and plan.start[0] <= 1.0
