@@ -1962,8 +1962,8 @@ MUTANTS = (
     ),
     Mutant(
         "cspace/_exact/proofs.py",
-        "bare = boundaries._replace(required=boundaries.required - boundaries.scale * self._margin)",
-        "bare = boundaries",
+        "required = boundaries.required - boundaries.scale * self._margin",
+        "required = boundaries.required",
         "tests/exact/test_closest.py",
     ),
     Mutant(
