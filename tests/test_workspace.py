@@ -134,8 +134,8 @@ def test_obstacles_smaller_than_a_cell_or_outside_the_bounds_warn(extent, bounds
 
 
 def test_a_mesh_in_millimetres_is_refused_with_its_size():
-    hall = trimesh.creation.box((12000, 8000, 3000))
-    with pytest.raises(InputError, match=r"12000 m x 8000 m x 3000 m large.*says how"):
+    hall = trimesh.creation.box((900, 800, 300))
+    with pytest.raises(InputError, match=r"900 m x 800 m x 300 m large.*says how"):
         Workspace.from_mesh(hall, 0.1)
 
 

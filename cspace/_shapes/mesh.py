@@ -313,7 +313,7 @@ class Mesh(ExactShape):
             rule = f"at most {max_origin_offset:g} times its size is accepted"
             raise GeometryError("mesh", f"{where} the robot's reference point", rule, hint)
         if warn and distance > size:
-            warn_user(f"the robot's mesh {where} its reference point; {hint}")
+            warn_user(f"the robot's mesh {where} its reference point; units are metres; {hint}")
 
     def transform_features(self, matrix: Floats) -> Floats:
         """Return the transformed triangles, each rotated to begin at its smallest corner."""

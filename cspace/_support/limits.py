@@ -255,7 +255,7 @@ def check_memory(needed: float, what: str, grid: GridCells, *, slices: int = 1) 
         coarser = grid.spacing * excess ** (1.0 / len(grid.shape))
         hint = f"cells of {coarser:.2g} {grid.unit} fit"
         sides = grid.spacing * np.array(grid.shape)
-        if grid.unit == "m" and sides.max() > 1000.0:
+        if grid.unit == "m" and sides.max() > 100.0:
             hint += f", if it is {format_sides(sides)} large; for another unit, {BRING_YOUR_FILE}"
     cells = " x ".join(f"{count:.6g}" for count in grid.shape)
     slice_text = f" x {slices:,} slices" if slices > 1 else ""
