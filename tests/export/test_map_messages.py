@@ -60,6 +60,9 @@ def test_a_map_survives_its_message(spaces):
     msg = make_strict("info", ("width", "height"), "b")
     assert space.to_occupancy_grid(msg, frame_id="odom") is msg
     assert msg.header.frame_id == "odom"
+    origin = msg.info.origin
+    assert origin.position.fields == dict(zip("xyz", (*space.grid.lower, 0.0), strict=True))
+    assert origin.orientation.fields == {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
     cautious = Workspace.from_occupancy_grid(msg)
     assert cautious.grid == space.grid
     assert (cautious.outer == (space.cell_states != FREE)).all()
