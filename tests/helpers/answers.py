@@ -220,8 +220,8 @@ def time_mover(mover, begin):
 
     else:
         for value in (mover.motion, mover.velocity):
-            has_labels = not isinstance(value, tuple | list | types.NoneType) and type(value) is not np.ndarray
-            need(not has_labels and np.asarray(value).dtype.names is None, "numbers with labels")
+            is_plain = type(value) in (tuple, list, np.ndarray, types.NoneType)
+            need(is_plain and np.asarray(value).dtype.names is None, "numbers with labels")
         row = np.asarray(mover.motion, float)
         velocity = np.zeros(2) if mover.velocity is None else np.asarray(mover.velocity, float)
 
