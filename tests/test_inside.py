@@ -15,7 +15,9 @@ MOST_ENGINE_NAMES = 62
 """Names of the engine that keeps bodies apart, for arms, lanes and the frequency domain."""
 
 STUB = (ROOT / "cspace/inside.pyi").read_text(encoding="utf-8")
-ENGINE = set(re.findall(r"from \.(?:_bodies|_support\.(?:addresses|records))\S* import \w+ as (\w+)", STUB))
+ENGINE = set(
+    re.findall(r"from \.(?:_bodies|_support\.(?:addresses|records))\S* import \w+ as (\w+)", STUB)
+)
 """Names of the engine, which arms alone may use, because the core proves with it, too."""
 
 
