@@ -115,7 +115,7 @@ def _count_words(type_: Any) -> int:
 
 
 @infer_getattr
-class _Fields(AttributeTemplate):
+class _FieldTypes(AttributeTemplate):
     """Types of the fields of records."""
 
     key = RecordType
