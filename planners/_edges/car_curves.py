@@ -163,6 +163,11 @@ def prove_length(
     words = find_shortest_words(curves, start, goal, TIE_TOLERANCE)
     if not words.gap <= MAX_GAP:
         return -1.0
+    # Most curves that fail do so before those of the way back are computed.
+    reach = 1.0 + words.shortest + TIE_TOLERANCE
+    spare = words.gap * reach + POINT_ERROR
+    if not words_are_free(map_, geometry, radius, start, goal, words, 1, spare):
+        return -1.0
     count = words.number
     if curves.kind == REEDS_SHEPP and not has_costs(curves):
         # OMPL, which takes no costs, may compute its curve from the goal, and rounding can prefer
@@ -174,23 +179,40 @@ def prove_length(
                 words.steering[count, k] = back.steering[row, MAX_SEGMENTS - 1 - k]
                 words.lengths[count, k] = -back.lengths[row, MAX_SEGMENTS - 1 - k]
             count += is_new(words.steering, words.lengths, count)
-    # The driven curve stays within `spare` of ours, however the gap spreads along it and from
-    # whichever end it starts.
-    gap = words.gap if count == 1 else MAX_GAP
-    spare = gap * (1.0 + words.shortest + TIE_TOLERANCE) + POINT_ERROR
+    spare = MAX_GAP * reach + POINT_ERROR
+    if count > 1 and not words_are_free(map_, geometry, radius, start, goal, words, count, spare):
+        return -1.0
+    return radius * words.shortest
+
+
+@kernel
+def words_are_free(
+    map_: Map,
+    geometry: Geometry,
+    radius: float,
+    start: Pose,
+    goal: Pose,
+    words: Words,
+    count: int,
+    spare: float,
+) -> bool:
+    """Prove the first words free, segment by segment.
+
+    The driven curve stays within ``spare`` of ours, turning radii, however the gap spreads along it
+    and from whichever end it starts.
+    """
     for end in (start, goal):
         if not piece_is_free(map_, geometry, radius, end, 0.0, 0.0, spare):
-            return -1.0
-    # Prove all curves that are equally short, segment by segment.
+            return False
     for row in range(count):
-        pose = (0.0, 0.0, yaw0)
+        pose = (0.0, 0.0, start[2])
         for k in range(MAX_SEGMENTS):
             steer = words.steering[row, k]
             length = words.lengths[row, k]
             if not segment_is_free(map_, geometry, radius, start, pose, steer, length, spare):
-                return -1.0
+                return False
             pose = advance(pose, steer, length)
-    return radius * words.shortest
+    return True
 
 
 @allocating

@@ -94,9 +94,12 @@ MIN_DRIVE_CELLS: Final = 0.1
 MIN_ROUND_GAIN: Final = 1e-7
 """Share of a path by which a round must shorten it for another to follow."""
 
+MAX_TRIES: Final = 64
+"""Largest number of edges to the goal that are tried after a call of :func:`expand_nodes`."""
+
 TIME_CHECK: Final = -3
 FULL: Final = -4
-"""Results of :func:`expand_nodes`, besides a node, :data:`NO_NODE` and :data:`UNKNOWN`."""
+"""Results of :func:`expand_nodes`, besides :data:`NO_NODE` and :data:`UNKNOWN`."""
 
 
 @dataclass
@@ -135,7 +138,8 @@ class LatticeNodes(NamedTuple):
     motions: Ints  # (n, 2), the motion that led to each node, and its heading
     keys: Ints  # (n,), hash key of each node's cell and heading
     table: Ints  # hash table of nodes by key, each plus 1; 0 stands for none
-    counts: Ints  # (2,), numbers of nodes and of expanded nodes
+    counts: Ints  # (3,), numbers of nodes, of expanded nodes, and of nodes to try
+    tries: Ints  # (n,), nodes from which an edge may lead to the goal
     place: Ints  # (3,), direction and cell of the first node, if the guide has not reached it
 
 
@@ -387,9 +391,11 @@ def _search(
     reason = f"the lattice search ended at its limit of {motions.max_nodes:,} nodes"
     may_fail = True
     while nodes.counts[0] < motions.max_nodes:
-        before = nodes.counts.sum()
-        node = expand_nodes(map_, motions, target, nodes)
-        spend(motions.nanoseconds * int(nodes.counts.sum() - before))
+        before = nodes.counts[:2].sum()
+        event = expand_nodes(map_, motions, target, nodes)
+        spend(motions.nanoseconds * int(nodes.counts[:2].sum() - before))
+        if arrival.try_edges(nodes, limit.until):
+            break
         if arrival.node == NO_NODE:
             check_deadline(limit.until)
         # After this number of nodes, ask whether a path may exist.
@@ -397,21 +403,17 @@ def _search(
             if not limit.admits_path():
                 break
             may_fail = False
-        if node == UNKNOWN:
+        if event == UNKNOWN:
             direction, i, j = nodes.place.tolist()
             guide.reach(direction, (0, i, j), limit.until)
-        elif node == FULL:
+        elif event == FULL:
             vain = _find_vain_blocks(map_, target, nodes)
             is_stalled = len(nodes.keys) >= min_stalled and arrival.node == NO_NODE
             if is_stalled and vain.any():
                 return np.empty((0, 3)), "the lattice search stalled", vain
             nodes = _enlarge(nodes)
-        elif node == NO_NODE:
+        elif event == NO_NODE:
             reason = "the lattice search reached no more nodes"
-            break
-        elif node != TIME_CHECK:
-            arrival.try_edge(nodes, node)
-        if arrival.is_settled(nodes, limit.until):
             break
     if arrival.node != NO_NODE:
         # A long drive in reverse may cost more than turning around, which need not be free.
@@ -434,7 +436,17 @@ class _Arrival:
         self._cost = math.inf
         self.node = NO_NODE
 
-    def try_edge(self, nodes: LatticeNodes, node: int) -> None:
+    def try_edges(self, nodes: LatticeNodes, until: Effort) -> bool:
+        """Try the nodes kept for it; return True if no open one promises a better path."""
+        count = int(nodes.counts[2])
+        nodes.counts[2] = 0
+        for node in nodes.tries[:count].tolist():
+            self._try_edge(nodes, node)
+            if self._is_settled(nodes, until):
+                return True
+        return self._is_settled(nodes, until)
+
+    def _try_edge(self, nodes: LatticeNodes, node: int) -> None:
         """Take the edge from a node if it is free and better."""
         pose = nodes.poses[node].tolist()
         # A search from the goal arrives where the robot begins.
@@ -446,7 +458,7 @@ class _Arrival:
             self._cost = cost
             self.node = node
 
-    def is_settled(self, nodes: LatticeNodes, until: Effort) -> bool:
+    def _is_settled(self, nodes: LatticeNodes, until: Effort) -> bool:
         """Return True if no open node promises a better path.
 
         After ``until``, any path will do.
@@ -464,7 +476,8 @@ def _make_nodes(capacity: int) -> LatticeNodes:
         motions=np.empty((capacity, 2), dtype=np.int64),
         keys=np.empty(capacity, dtype=np.int64),
         table=np.zeros(4 * capacity, dtype=np.int64),  # most slots are empty
-        counts=np.zeros(2, dtype=np.int64),
+        counts=np.zeros(3, dtype=np.int64),
+        tries=np.empty(MAX_TRIES, dtype=np.int64),
         place=np.zeros(3, dtype=np.int64),
     )
 
@@ -580,10 +593,10 @@ def _shorten_once(edges: LocalPlanner, path: Floats, until: Effort) -> Floats:
 
 @kernel
 def expand_nodes(map_: Map, motions: Motions, target: Target, nodes: LatticeNodes) -> int:
-    """Expand nodes; return one that may reach the goal.
+    """Expand nodes; keep those that may reach the goal.
 
-    Return :data:`NO_NODE` if the queue is empty, and :data:`TIME_CHECK` after many nodes; the next
-    call goes on. Return :data:`FULL` if there is no memory for more nodes, and :data:`UNKNOWN` if
+    Return :data:`NO_NODE` if the queue is empty, and :data:`TIME_CHECK` after many nodes, or a few
+    that may reach the goal; the next call goes on. Return :data:`FULL` if there is no memory for more nodes, and :data:`UNKNOWN` if
     the guide has not reached the first node.
     """
     progress = nodes.progress
@@ -643,7 +656,11 @@ def expand_nodes(map_: Map, motions: Motions, target: Target, nodes: LatticeNode
         is_near = math.hypot(x - goal[0], y - goal[1]) < motions.near
         # Far from the goal, some nodes try an edge to the goal, too.
         if is_near or nodes.counts[1] % 16 == 0:
-            return node
+            nodes.tries[nodes.counts[2]] = node
+            nodes.counts[2] += 1
+            # A call takes longer than an edge, but no node is expanded far beyond the goal.
+            if nodes.counts[2] >= min(1 + nodes.counts[1] // 64, len(nodes.tries)):
+                return TIME_CHECK
     return TIME_CHECK
 
 
