@@ -682,7 +682,15 @@ KINDS = {
         Rotation.identity(),
         cspace.Rotations.quaternions(1).check_rotation,
         [0.0, 0.0, 0.0, 1.0],
+        0.0,
         np.eye(4),
+    ),
+    "a rotation in a row": (
+        [(1.0, 1.0, 0.5), (1.0, 1.0, Rotation.from_rotvec((0.0, 0.0, 0.5)))],
+        lambda q: turning().is_free(q),
+        lambda quaternion: quaternion.shape == (4,),
+        lambda yaw: yaw == pytest.approx(0.5),
+        lambda pose: pose.shape == (4, 4),
     ),
     "a transposed pose": (shift(0.1, 0.2, 0.3).T, reach_pose, shift(0.1, 0.2, 0.3)),
     "a mesh of faces": (
@@ -841,7 +849,7 @@ def refuse_kind(kind, folder):
     }
     with pytest.raises(cspace.CspaceError) as caught:
         refuse(value)
-    names.setdefault(caught.value.argument, value)
+    names.setdefault(caught.value.argument.partition("[")[0], value)
     return caught.value, names
 
 

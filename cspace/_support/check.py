@@ -136,7 +136,7 @@ def _order_rows(values: Any, name: str, axes: Sequence[str]) -> Any:
     if bool in kinds and len(kinds) > 1:  # numpy would turn them into numbers
         raise make_kind_error(values, name, _NUMERIC)
     if any(map(_may_have_labels, kinds)):
-        return [check_real(row, name, axes) for row in values]
+        return [check_real(row, f"{name}[{number}]", axes) for number, row in enumerate(values)]
     return values
 
 

@@ -52,7 +52,8 @@ _CALLS: Final[Mapping[str, str]] = {
         "use {}.as_matrix() for an arm, or (*{}.translation, *{}.rotation.as_quat()) for a map"
     ),
     "as_quat": (
-        "use {}.as_quat(), or scipy.linalg.block_diag({}.as_matrix(), 1) for a pose of an arm"
+        "use {}.as_quat(), or {}.as_euler('xyz')[2] for its yaw, or "
+        "scipy.linalg.block_diag({}.as_matrix(), 1) for a pose of an arm"
     ),
     "nodes adj": "use cspace.lanes.RouteGraph.from_networkx({})",
     "matrix pitch": (
@@ -136,8 +137,29 @@ def _list_features(value: Any) -> set[str]:
 
 
 def make_kind_error(value: object, name: str, rule: str) -> InputError:
-    """Make the error for a value of another kind; only short plain values are quoted."""
-    text = repr(value) if type(value).__module__ in ("builtins", "numpy") else ""
+    """Make the error for a value, or an entry of a list, of another kind.
+
+    Only short plain values are quoted.
+    """
+    entry, place = _find_foreign(value, name, _MAX_LEVELS) or (value, name)
+    text = repr(entry) if _is_plain(entry) else ""
     if not 0 < len(text) < 100:
-        text = f"a {type(value).__name__}"
-    return InputError(name, f"is {text}", rule, suggest_call(value, name))
+        text = f"a {type(entry).__name__}"
+    return InputError(place, f"is {text}", rule, suggest_call(entry, place))
+
+
+def _find_foreign(value: object, name: str, levels: int) -> tuple[object, str] | None:
+    """Return the first entry that another package made, and its name."""
+    if isinstance(value, list | tuple) and levels:
+        entries = (
+            _find_foreign(each, f"{name}[{number}]", levels - 1)
+            for number, each in enumerate(value)
+        )
+        return next(filter(None, entries), None)
+    is_plain = _is_plain(value) or isinstance(value, numbers.Number)
+    return None if is_plain else (value, name)
+
+
+def _is_plain(value: object) -> bool:
+    """Return whether Python or numpy made a value's type."""
+    return type(value).__module__ in ("builtins", "numpy")

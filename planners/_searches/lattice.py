@@ -596,8 +596,8 @@ def expand_nodes(map_: Map, motions: Motions, target: Target, nodes: LatticeNode
     """Expand nodes; keep those that may reach the goal.
 
     Return :data:`NO_NODE` if the queue is empty, and :data:`TIME_CHECK` after many nodes, or a few
-    that may reach the goal; the next call goes on. Return :data:`FULL` if there is no memory for more nodes, and :data:`UNKNOWN` if
-    the guide has not reached the first node.
+    that may reach the goal; the next call goes on. Return :data:`FULL` if there is no memory for
+    more nodes, and :data:`UNKNOWN` if the guide has not reached the first node.
     """
     progress = nodes.progress
     poses = nodes.poses

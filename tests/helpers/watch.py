@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import cspace
 from tests.helpers.cpp import Program, build_program
-from tests.helpers.leaving import place_along
+from tests.helpers.leaving import drive, place_along
 from tests.helpers.nav2 import ANSWERS, PACKAGE, list_stubs
 from tests.helpers.regions import place_polygon
 
@@ -105,8 +105,10 @@ class Frame(NamedTuple):
 
 
 def make_frame(x, y, yaw, z=0.0):
-    """Return the frame at a pose."""
-    return Frame(Rotation.from_rotvec((0.0, 0.0, yaw)), np.array((x, y, z), dtype=float))
+    """Return the frame at a pose, or the frames at many."""
+    zeros = np.zeros_like(yaw)
+    at = np.stack(np.broadcast_arrays(x, y, z + zeros), axis=-1)
+    return Frame(Rotation.from_rotvec(np.stack([zeros, zeros, yaw], axis=-1)), at)
 
 
 class Robot:
@@ -134,8 +136,7 @@ class Robot:
     def pose_at(self, time):
         """Return where it was."""
         begin, pose, twist = next(c for c in reversed(self.cycles) if c[0] <= time or not c[0])
-        seconds = max(time - begin, 0) / 1e9
-        return place_along(pose, [twist], seconds, instants=2)[-1] if seconds else pose
+        return drive(pose, twist, max(time - begin, 0) / 1e9)
 
     def frame_at(self, frame, time):
         """Return a frame in the map."""
@@ -168,28 +169,21 @@ class Robot:
 
     def scan(self, people, rays=360, sweep=0):
         """Return the ranges of a laser that sees people, and the floor, since ``sweep`` nanoseconds."""
-        if sweep:
-            times = self.now - sweep + sweep * np.arange(rays) / (rays - 1)
-            parts = [self.see(people, rays, int(time), ray) for ray, time in enumerate(times)]
-            return np.concatenate(parts)
-        return self.see(people, rays, self.now)
-
-    def see(self, people, rays, time, ray=None):
-        """Return the ranges of all rays, or of one."""
-        laser = self.frame_at("laser", time)
-        numbers = np.arange(rays) if ray is None else np.array([ray])
-        angles = numbers * 2.0 * math.pi / rays
-        ways = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1)
-        ways = laser.turn.apply(ways)
+        instants = self.now - sweep + sweep * np.arange(rays) // max(rays - 1, 1)
+        poses = np.array([self.pose_at(int(instant)) for instant in instants])
+        lasers = make_frame(*poses.T).then(self.mount)
+        places = lasers.at
+        angles = np.arange(rays) * 2.0 * math.pi / rays
+        ways = lasers.turn.apply(np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1))
         level = np.hypot(ways[:, 0], ways[:, 1])
         with np.errstate(divide="ignore", invalid="ignore"):
-            ranges = np.where(ways[:, 2] < 0.0, -laser.at[2] / ways[:, 2], np.inf)
+            ranges = np.where(ways[:, 2] < 0.0, -places[:, 2] / ways[:, 2], np.inf)
             for person in np.reshape(people, (-1, 2)):
-                offset = person - laser.at[:2]
-                along = (ways[:, :2] @ offset) / level
-                half = PERSON**2 - (offset @ offset - along**2)
+                offset = person - places[:, :2]
+                along = (ways[:, :2] * offset).sum(axis=1) / level
+                half = PERSON**2 - ((offset**2).sum(axis=1) - along**2)
                 hit = np.where(half >= 0.0, (along - np.sqrt(half)) / level, np.inf)
-                height = laser.at[2] + hit * ways[:, 2]
+                height = places[:, 2] + hit * ways[:, 2]
                 seen = (hit > 0.0) & (height >= 0.0) & (height <= TALL)
                 ranges = np.where(seen, np.minimum(ranges, hit), ranges)
         return np.where(ranges <= 20.0, ranges, np.inf)

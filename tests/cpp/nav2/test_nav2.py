@@ -135,7 +135,7 @@ def test_a_robot_on_a_floor_passes_under_a_beam(nav2, tmp_path, drive, floor):
 # ---- the live costmap ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("drive", few(["holonomic", "differential", *DRIVES], 2))
+@pytest.mark.parametrize("drive", few(["holonomic", *DRIVES], 2))
 def test_paths_avoid_crates_that_only_the_costmap_knows(nav2, space, room, drive):
     """Cells of the robot's outline are those by which Nav2 itself calls a path valid."""
     rng = np.random.default_rng(3)
