@@ -272,7 +272,7 @@ ROOM[[0, -1], :] = ROOM[:, [0, -1]] = ROOM[30:, 78:82] = 0
 )
 def test_a_plan_on_a_ros_map_heeds_what_the_map_says(pixels, changed, found, tmp_path):
     write_map(tmp_path, pixels, **changed)
-    read = runpy.run_module("examples.readers.ros_map")["plan_on_map"]
+    read = runpy.run_module("examples.readers.map_of_yaml")["plan_on_map"]
     if found:
         path = read(str(tmp_path / "room.yaml"), (-3.0, -2.0), (3.0, -2.0))
         assert path.certified and path.path[:, 1].max() > 1.6
