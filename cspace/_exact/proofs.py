@@ -204,6 +204,8 @@ class Containment(NamedTuple):
         more than rounding, so anchors inside the robot are nearer.
     low, high : tuple of float
         Corners of the bounding box of the robot.
+    is_box : bool
+        True if the robot fills its bounding box.
     has_solids : bool
         True if some obstacles have an inside that their cells do not decide.
     surfaces : SurfaceTree
@@ -220,6 +222,7 @@ class Containment(NamedTuple):
     reach: float
     low: Row
     high: Row
+    is_box: bool
     has_solids: bool
     surfaces: SurfaceTree
 
@@ -295,6 +298,21 @@ class BoundaryProofs(ABC):
     def _build(self, problem: Problem, robot: RoundedSimplices, walls: ObstacleBoundary) -> Any:
         """Build the trees of the robot, whose boundary is given, the obstacles and the walls."""
 
+    @abstractmethod
+    def _make_scratch(self) -> Any:
+        """Allocate scratch memory for one thread."""
+
+    @cached_property
+    def _spare_scratch(self) -> list[Any]:
+        """Scratch memory that no thread uses now."""
+        return []
+
+    def _take_scratch(self) -> Any:
+        """Return scratch memory for one call."""
+        with suppress(IndexError):
+            return self._spare_scratch.pop()
+        return self._make_scratch()
+
     def _find_surfaces(self) -> SurfaceTree:
         """Return the closed surfaces of the robot in which anchors are sought first."""
         return NO_SURFACE
@@ -363,6 +381,7 @@ class BoundaryProofs(ABC):
             reach=reach,
             low=tuple(low.tolist()),
             high=tuple(high.tolist()),
+            is_box=robot.encloses and _lies_on_sides(boundary, low, high, robot.dim),
             has_solids=bool(self._shapes),
             surfaces=self._find_surfaces(),
         )
@@ -373,7 +392,10 @@ class BoundaryProofs(ABC):
         ``ends`` are the coordinates of both configurations.
         """
         q0, q1 = np.array(ends, dtype=np.float64).reshape(2, 1, self._size)
-        return bool(self.are_free(q0, q1)[0])
+        states = np.empty(1, dtype=np.uint8)
+        self._write_states(self._map, self.boundaries.required, q0, q1, states)
+        state = int(states[0])
+        return state == FREE or (state == MIXED and not self._are_nested(q0)[0])
 
     def are_free(self, q0: Floats, q1: Floats, growth: float = 0.0) -> Bools:
         """Return whether edges, shapes (n, size), are proven free.
@@ -555,20 +577,28 @@ class PlaneProofs(BoundaryProofs):
         self, map_: Map, required: float, q0: Floats, q1: Floats, out: States
     ) -> None:
         """Write the states of edges."""
-        scratch = make_scratch()
+        scratch = self._take_scratch()
         prove_edges(map_, self._inputs, required, scratch, None, None, q0, q1, out)
+        self._spare_scratch.append(scratch)
+
+    def _make_scratch(self) -> Scratch:
+        """Allocate scratch memory for one thread."""
+        return make_scratch()
 
     def _bound_slack(
         self, required: float, positions: Floats, matrices: Floats, spans: Floats
     ) -> tuple[float, list[tuple[Floats, float]]]:
         """Bound the slack along a path, and find the nearest segments."""
         scale, trees = self.boundaries.scale, self.boundaries.trees
-        pairs = make_scratch().node_pairs
+        scratch = self._take_scratch()
+        pairs = scratch.node_pairs
+        pairs[0] = -1
         path = scale * positions, matrices, scale * spans
         slack = path_slack(self.boundaries, required, *path, pairs)
         found = (
             [] if pairs[0, 0] < 0 else trees.triangles[trees.spans[pairs[0], FIRST_ITEM]] / scale
         )
+        self._spare_scratch.append(scratch)
         nearest = [(row[:RADIUS].reshape(3, 3), float(row[RADIUS])) for row in found]
         return float(slack) / scale, nearest
 
@@ -609,15 +639,8 @@ class SolidProofs(BoundaryProofs):
         part = self._part
         return NO_SURFACE if len(part.hulls.nodes) == 1 else part.surface_tree
 
-    @cached_property
-    def _spare_scratch(self) -> list[RigidScratch]:
-        """Scratch memory that no thread uses now."""
-        return []
-
-    def _take_scratch(self) -> RigidScratch:
-        """Return scratch memory for one call."""
-        with suppress(IndexError):
-            return self._spare_scratch.pop()
+    def _make_scratch(self) -> RigidScratch:
+        """Allocate scratch memory for one thread."""
         return make_rigid_scratch(self.boundaries)
 
     @cached_property
@@ -684,6 +707,13 @@ def _list_walls(problem: Problem) -> list[RoundedSimplices]:
     if problem.floor is not None:
         sides[2] += 2.0 * sides[:2].max()  # so that neither ground nor ceiling is nearest
     return [Box.of(sides, center).boundary()]
+
+
+def _lies_on_sides(boundary: RoundedSimplices, low: Floats, high: Floats, dim: int) -> bool:
+    """Return whether each simplex of a boundary lies in a side of a box."""
+    corners = boundary.simplices[..., :dim]
+    is_on_side = [(corners == side[:dim]).all(axis=1).any(axis=1) for side in (low, high)]
+    return bool(np.logical_or(*is_on_side).all() and not boundary.radii.any())
 
 
 def _contain_any(shape: ExactShape, bounds: tuple[Floats, Floats], points: Floats) -> Bools:
@@ -774,7 +804,7 @@ def edge_state(
     first = first_anchor(inputs.containment, place)
     near, _ = find_near_anchor(inputs.containment, place, matrix, first)
     if state == FREE and near >= 0:
-        return MIXED
+        return BLOCKED if inputs.containment.is_box else MIXED
     return state
 
 
