@@ -89,7 +89,7 @@ ORDER = (
     "mobile_robots cars drones arms fleets controllers research "
     "ros_map ros_messages sources robots doors warehouse_robot parking moving_obstacles replan_at_speed wait_for_others speed_zones under_racks roadmap corridor_proof why_not "
     "drone_building drone_slit window_proof drawn_out packing best_placements z_tunnel large_map "
-    "arm_line waiter pull_arm gate compare_planners keep_away bare_ompl report_figures"
+    "arm_line waiter pull_arm porter gate compare_planners keep_away bare_ompl report_figures"
 )
 """Order of tutorials and examples; other scripts come last."""
 

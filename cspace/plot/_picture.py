@@ -113,7 +113,7 @@ def plot(
     Raises
     ------
     InputError
-        If the path or a configuration has the wrong shape or is not finite,
+        If the space is no map, the path or a configuration has the wrong shape or is not finite,
         the map has no rotations but one is given, an option does not fit the kind of picture, or
         ``ax`` is not a matplotlib axes.
     """
@@ -126,6 +126,10 @@ def plot(
             f"is a {type(argument).__name__}",
             "it must be matplotlib axes",
         )
+    given: object = space
+    if not isinstance(given, ConfigurationMap | Workspace):
+        rule = "it must be a map or a workspace; the axes of other pictures have a figure to save"
+        raise InputError("space", f"is a {type(given).__name__}", rule)
     # A workspace is drawn as a map without a robot, a tiled map as an overview.
     drawn_map: Any = space
     if isinstance(space, Workspace):

@@ -78,6 +78,10 @@ PATH = [START, GOAL]
     ),
     (lambda f: flat().plot(rotation=0.5), "rotation has shape (1,) ... turn"),
     (
+        lambda f: save_plot(flat().plot(), f / "a.png"),
+        "space is a Axes ... a map or a workspace",
+    ),
+    (
         lambda f: save_plot(flat(), f / "a.xyz"),
         "the suffix says what to write",
     ),
