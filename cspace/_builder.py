@@ -243,7 +243,7 @@ def build(
         _refuse_on_floor(cells, store)
     explained = _warn_of_units(workspace.grid, robot, cells, margin, outside, floor)
     if store is not None:  # build tile by tile, into a folder
-        check_name(store)
+        store = check_name(store)
         if counts:
             raise InputError("counts", "is True with a store", "a store has no counts")
         tiled = _outside.build_tiles(
@@ -265,7 +265,7 @@ def build(
         if not (explained or tiled.count()[0]):
             _warn_of_nothing_free(tiled, margin)
         return tiled
-    if client is not None or tile != DEFAULT_TILE:
+    if client is not None or not np.array_equal(tile, DEFAULT_TILE):
         name = "tile" if client is None else "client"
         raise InputError(name, "is given without a store", "only a store has tiles")
     contents, rasters = build_contents(
@@ -553,6 +553,7 @@ def open_map(path: StrPath, *, cache_bytes: int = 2**30) -> CSpace | TiledCSpace
     """
     from cspace._record.save import MapFolder
 
+    path = check_name(path)
     _check_folder(path)
     if MapFolder(path, tiles=True).exists():
         return _outside.open_tiles(path, cache_bytes)

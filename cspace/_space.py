@@ -788,7 +788,7 @@ class CSpace(ConfigurationMap):
         ['people']
         """
         self._check_not_window()
-        return self._set_obstacles({name: as_shape(shape, radius, "shape")})
+        return self._set_obstacles({check_text(name, "name"): as_shape(shape, radius, "shape")})
 
     def _set_obstacles(self, shapes: Mapping[str, ShapeLike | None]) -> Update:
         """Add, move or remove named obstacles in one step."""
@@ -840,7 +840,7 @@ class CSpace(ConfigurationMap):
         InputError
             If there is no obstacle of that name.
         """
-        return self._set_obstacles({name: None})
+        return self._set_obstacles({check_text(name, "name"): None})
 
     @property
     def obstacles(self) -> dict[str, Shape]:

@@ -672,7 +672,7 @@ class Workspace(metaclass=AnswersNames):
         """
         from cspace._files.rasters import place_raster
 
-        check_positive(spacing, "spacing", "metres, after the array of heights")
+        spacing = check_positive(spacing, "spacing", "metres, after the array of heights")
         if unknown is not None:
             check_word(unknown, "unknown", UNKNOWNS)
         check_unit(heights, "heights")

@@ -21,6 +21,7 @@ from cspace.inside import (
     Drive,
     Floats,
     Upright,
+    check_number,
     check_positive,
     names_options,
     replacing,
@@ -629,7 +630,7 @@ class Plan:
 
         if after is None:
             self._check_solved("a trajectory follows a path")
-            if at != 0.0:
+            if check_number(at, "at") != 0.0:
                 raise InputError("at", f"is {at!r}", "it is a time of the motion given as after")
         limits = MotionLimits(
             max_velocity,

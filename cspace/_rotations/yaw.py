@@ -22,7 +22,7 @@ from cspace._rotations.base import (
     wrap_steps,
 )
 from cspace._support.arrays import Floats, Ints
-from cspace._support.check import check_count, check_finite
+from cspace._support.check import check_count, check_finite, check_real
 from cspace.errors import InputError
 
 MAX_YAW_CELLS: Final = 2**16
@@ -63,6 +63,8 @@ class YawRotations(Rotations):
     @classmethod
     def _of_value(cls, value: ArrayLike | None) -> YawRotations:
         """Make cells from a count or from their boundaries, see :meth:`Rotations.of`."""
+        if isinstance(value, list | tuple):
+            value = check_real(value, "rotations")
         if value is None or np.ndim(value) == 0:
             count = check_count(value, "rotations", 1, MAX_YAW_CELLS)
             width = TWO_PI / count

@@ -450,8 +450,9 @@ def conflicts(
     'apart'
     """
     gap = check_not_negative(margin, "margin")
+    given = _check_robots({} if others is None else others, name)
     robots = {name: (space, open_graph(space, graph, "graph"))}
-    for key, (other, lanes) in _check_robots({} if others is None else others, name).items():
+    for key, (other, lanes) in given.items():
         robots[key] = other, open_graph(other, lanes, f"others[{key!r}]")
         _check_same_map(space, other, key)
     sweepers = [make_sweeper(*each) for each in robots.values()]
@@ -472,8 +473,10 @@ def conflicts(
     )
 
 
-def _check_robots(others: Any, known: str) -> dict[str, tuple[Any, Any]]:
+def _check_robots(others: Any, known: object) -> dict[str, tuple[Any, Any]]:
     """Return other robots by name, or raise InputError."""
+    if not isinstance(known, str):
+        raise InputError("name", f"is a {type(known).__name__}", "it must be a string")
     rule = "it must give a map and a graph by a name of each robot"
     if not isinstance(others, Mapping):
         raise InputError("others", f"is a {type(others).__name__}", rule)

@@ -106,8 +106,8 @@ def animate(
     FileError
         If the file exists and ``overwrite`` is not set, or if it cannot be written.
     """
+    check_suffix(file, (".gif",), "an animation is a GIF", "file", is_output=True)
     target = Path(file)
-    check_suffix(target, (".gif",), "an animation is a GIF", "file", is_output=True)
     if not isinstance(space, ConfigurationSpace):
         raise InputError("space", f"is {space!r}", "only maps and arms are drawn")
     given = Route(space, path)

@@ -249,11 +249,12 @@ def save_figure(
     zero or too large; FileError if the file exists and ``overwrite`` is not set, or if it cannot be
     written.
     """
+    check_suffix(file, PICTURE_SUFFIXES, "the suffix says what to write", "file", is_output=True)
     target = Path(file)
-    check_suffix(target, PICTURE_SUFFIXES, "the suffix says what to write", "file", is_output=True)
     dots = check_positive(dpi, "dpi", "pixels per inch")
-    if dots > 2400.0:  # pictures of eight inches then have some 20,000 pixels across
-        rule = "it must be at most 2,400 pixels per inch"
+    # Letters have pixels, and pictures of eight inches some 20,000 across.
+    if not 10.0 <= dots <= 2400.0:
+        rule = "it must be from 10 to 2,400 pixels per inch"
         raise InputError("dpi", f"is {dpi!r}", rule)
     with replacing(target, overwrite) as temporary:
         figure: Figure = draw()

@@ -160,15 +160,16 @@ def read_objective(
 
     Raises InputError if the objective is unknown, or does not go with the space or the speed.
     """
-    if speed is not None and given != TIME:
+    kind = given if isinstance(given, str) else ""
+    if speed is not None and kind != TIME:
         problem = f"is {speed!r}, and objective is {given!r}"
         raise InputError("speed", problem, f"it is for objective={TIME!r}")
     if callable(given):
         return Objective(given, FUNCTION, make=given)
-    if given == LENGTH:
+    if kind == LENGTH:
         return Objective(given, LENGTH)
-    objective = ClearanceObjective() if given == CLEARANCE else given
-    if given != TIME and not isinstance(objective, WeightedLength | ClearanceObjective):
+    objective = ClearanceObjective() if kind == CLEARANCE else given
+    if kind != TIME and not isinstance(objective, WeightedLength | ClearanceObjective):
         rule = (
             f"it must be {LENGTH!r}, {CLEARANCE!r}, {TIME!r}, a WeightedLength, a "
             "ClearanceObjective, or a function that makes OMPL's objective"
