@@ -42,6 +42,7 @@ from cspace._support.check import (
     check_finite,
     check_known,
     check_pairs,
+    check_real,
     check_rows,
     names_options,
     order_labels,
@@ -336,7 +337,7 @@ class Space(ABC):
         """Return the configurations at fractions ``t``, shape (..., 1), of motions."""
         # A step has an entry for each degree of freedom, so only its leading axes are those of
         # starts.
-        steps = np.asarray(t) * self.steps_between(q0, q1)
+        steps = check_real(t, "t") * self.steps_between(q0, q1)
         starts = check_rows(q0, "q0", self.axes)
         starts = np.broadcast_to(starts, (*steps.shape[:-1], self.size))
         return self.rotations.add_steps(starts, steps)

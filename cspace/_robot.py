@@ -22,7 +22,7 @@ from cspace._shapes import (
     shape_from_spec,
 )
 from cspace._support.arrays import StrPath, Surface
-from cspace._support.check import AnswersNames, names_options
+from cspace._support.check import AnswersNames, choose_text, names_options
 from cspace._support.limits import BITMAP_CELL_BYTES, PlannedGrid, check_memory
 from cspace.errors import InputError
 
@@ -265,7 +265,7 @@ class Robot(metaclass=AnswersNames):
 
         mesh = make_mesh(shape, solid, up)
         mesh.check_origin(warn=True)
-        return cls(name or f"mesh of {len(mesh.faces)} triangles", mesh)
+        return cls(choose_text(name, "name", f"mesh of {len(mesh.faces)} triangles"), mesh)
 
     @classmethod
     @names_options
@@ -326,7 +326,7 @@ class Robot(metaclass=AnswersNames):
             If the padding is negative.
         """
         made = primitives.footprint(footprint, padding)
-        return cls(name or made.name, made.shape)
+        return cls(choose_text(name, "name", made.name), made.shape)
 
     @classmethod
     @names_options
@@ -417,7 +417,7 @@ class Robot(metaclass=AnswersNames):
         """
         try:
             robot = cls(str(spec["name"]), shape_from_spec(spec))
-        except (KeyError, TypeError, ValueError) as error:
+        except (LookupError, TypeError, ValueError) as error:
             problem = f"is {str(spec)[:80]}"
             rule = f"it must be a value of Robot.spec: {error}"
             raise InputError("spec", problem, rule) from error

@@ -26,6 +26,7 @@ from cspace._support.check import (
     check_bounds,
     check_cells,
     check_dims,
+    check_number,
     check_point,
     check_positive,
     check_real,
@@ -722,6 +723,7 @@ class Workspace(metaclass=AnswersNames):
         if grid.dim != 3:
             raise InputError("workspace", "is in the plane", "heights are those of one in space")
         faces = grid.lower[2] + grid.spacing * np.arange(grid.shape[2] + 1)
+        bottom, top = check_number(bottom, "bottom"), check_number(top, "top")
         layers = (faces[1:] >= bottom) & (faces[:-1] <= top)
         if not (bottom <= top and layers.any()):
             problem = f"are {bottom:g} and {top:g} m"

@@ -21,7 +21,7 @@ from cspace._files.ros_maps import Path as Path
 from cspace._files.ros_maps import PoseStamped as PoseStamped
 from cspace._files.ros_maps import Twist as Twist
 from cspace._rotations import Rotations
-from cspace._support.check import check_not_negative
+from cspace._support.check import check_not_negative, choose_text
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -142,12 +142,12 @@ def configuration_of(
     >>> cspace.ros.configuration_of({"header": {"frame_id": "map"}, "pose": pose}, space)
     (1.5, 0.0, 0.0)
     """
-    if not space.has_poses:
+    if not getattr(space, "has_poses", False):
         rule = "it must be a map of a rigid robot"
         raise InputError("space", f"is {space!r}", rule)
     # Tilt, radians, that passes as rounding.
     tolerance = max(check_not_negative(tilt_tolerance, "tilt_tolerance", "rad"), 2e-3)
-    position, turn = read_pose(msg, frame_id or space.frame_id)
+    position, turn = read_pose(msg, choose_text(frame_id, "frame_id", space.frame_id))
     x, y, z, w = turn
     names = space.rotations.names
     if len(names) == 4:

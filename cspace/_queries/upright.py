@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._support.arrays import AXES
-from cspace._support.check import check_finite, check_positive, check_text, names_options
+from cspace._support.check import (
+    check_finite,
+    check_number,
+    check_positive,
+    check_text,
+    names_options,
+)
 from cspace._support.units import suggest_radians
 from cspace.errors import InputError
 
@@ -62,7 +68,7 @@ class Upright:
         for name in ("axis", "direction"):
             object.__setattr__(self, name, _check_direction(getattr(self, name), name))
         tolerance = check_positive(self.tolerance, "tolerance", "radians")
-        angle = float(check_finite(self.angle, "angle"))
+        angle = check_number(self.angle, "angle")
         for name, value in (("tolerance", tolerance), ("angle", angle)):
             if not 0.0 <= value <= math.pi:
                 rule = "an angle between two directions is from 0 to pi radians"

@@ -114,7 +114,8 @@ def footprint(corners: str | ArrayLike, padding: float = 0.0) -> NamedShape:
 
     points = parse_footprint(corners)
     polygon = Polygons.of(points)
-    if check_not_negative(padding, "padding"):
+    padding = check_not_negative(padding, "padding")
+    if padding:
         polygon = Polygons.of(_grow_by_square(points, padding))
     return NamedShape(f"polygon with {polygon.corners} corners", polygon)
 

@@ -532,6 +532,23 @@ def check_text(value: object, name: str) -> str:
     return value
 
 
+def choose_text(value: object, name: str, default: str) -> str:
+    """Return a string, or a default for None or an empty one; raise InputError for another kind."""
+    if value is not None and not isinstance(value, str):
+        raise make_kind_error(value, name, "it must be a string")
+    return value or default
+
+
+def check_plot_axes(ax: object) -> None:
+    """Raise InputError unless pictures can be drawn into axes; None stands for a new figure."""
+    if ax is None:
+        return
+    from matplotlib.axes import Axes
+
+    if not isinstance(ax, Axes):
+        raise InputError("ax", f"is a {type(ax).__name__}", "it must be matplotlib axes")
+
+
 def check_flag(value: object, name: str) -> None:
     """Raise InputError for a value that is neither True nor False."""
     if not isinstance(value, bool | np.bool_):

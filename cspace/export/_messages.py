@@ -19,7 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from cspace import BLOCKED, FREE, MIXED, Grid
 from cspace.errors import InputError
-from cspace.inside import Bools, DistanceTable, Floats, check_memory, check_not_negative
+from cspace.inside import (
+    Bools,
+    DistanceTable,
+    Floats,
+    check_memory,
+    check_not_negative,
+    choose_text,
+)
 from cspace.ros import Costmap, JointTrajectoryPoint, OccupancyGrid, PoseStamped
 
 if TYPE_CHECKING:
@@ -86,7 +93,7 @@ def to_occupancy_grid(
     percent = percent_of_state[states]
     size = {"info.width": grid.shape[0], "info.height": grid.shape[1]}
     filled = OccupancyGrid() if msg is None else msg
-    frame = frame_id or space.frame_id
+    frame = choose_text(frame_id, "frame_id", space.frame_id)
     return _fill_grid(filled, "nav_msgs/OccupancyGrid", percent, grid, "info", size, frame)
 
 
@@ -157,7 +164,7 @@ def to_costmap(
     nx, ny = grid.shape
     size = {"metadata.size_x": nx, "metadata.size_y": ny}
     filled = Costmap() if msg is None else msg
-    frame = frame_id or space.frame_id
+    frame = choose_text(frame_id, "frame_id", space.frame_id)
     return _fill_grid(filled, "nav2_msgs/Costmap", costs, grid, "metadata", size, frame)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from cspace import Grid
 from cspace.errors import CspaceError
-from cspace.inside import Bytes, Floats, reduce_blocks
+from cspace.inside import Bytes, Floats, check_plot_axes, reduce_blocks
 from cspace.plot.scene import (
     ENDPOINT_COLORS,
     PATH_COLOR,
@@ -248,6 +248,7 @@ def plot_rates(
     times: Floats, curves: Sequence[tuple[str, str, Floats]], ax: Axes | None = None
 ) -> Axes:
     """Draw curves over time, each with its name and the label of its axis, on at most two axes."""
+    check_plot_axes(ax)
     left = new_figure(7.5, 3.2).add_subplot() if ax is None else ax
     left.set_xlabel("time (s)")
     axes_by_label: dict[str, Axes] = {}

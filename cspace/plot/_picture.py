@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
 
 from cspace import CSpace, Workspace
 from cspace.errors import InputError
-from cspace.inside import ConfigurationMap, check_positive, check_suffix, names_options, replacing
+from cspace.inside import (
+    ConfigurationMap,
+    check_plot_axes,
+    check_positive,
+    check_suffix,
+    choose_text,
+    names_options,
+    replacing,
+)
 from cspace.plot import _artists as artists
 from cspace.plot._sections import draw_plane, draw_sections
 from cspace.plot._surface import draw_surface
@@ -117,15 +125,7 @@ def plot(
         the map has no rotations but one is given, an option does not fit the kind of picture, or
         ``ax`` is not a matplotlib axes.
     """
-    from matplotlib.axes import Axes
-
-    argument: object = ax
-    if argument is not None and not isinstance(argument, Axes):
-        raise InputError(
-            "ax",
-            f"is a {type(argument).__name__}",
-            "it must be matplotlib axes",
-        )
+    check_plot_axes(ax)
     given: object = space
     if not isinstance(given, ConfigurationMap | Workspace):
         rule = "it must be a map or a workspace; the axes of other pictures have a figure to save"
@@ -173,7 +173,7 @@ def _choose_view(space: CSpace, view: str | None, options: Mapping[str, Any]) ->
     view.
     """
     views = VIEWS[space.grid.dim]
-    kind = view or views[0]
+    kind = choose_text(view, "view", views[0])
     if kind not in views:
         axes = ", ".join(space.axes)
         raise InputError(

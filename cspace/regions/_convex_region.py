@@ -13,7 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.errors import InputError
-from cspace.inside import Bools, Floats, check_points, frozen, show_png, turn_near, warn_of_large
+from cspace.inside import (
+    Bools,
+    Floats,
+    check_plot_axes,
+    check_points,
+    frozen,
+    show_png,
+    turn_near,
+    warn_of_large,
+)
 from cspace.regions._growth import HalfSpaces, Polytope, find_deepest, measure_polytope
 
 if TYPE_CHECKING:
@@ -220,6 +229,7 @@ def plot_regions(regions: Sequence[ConvexRegion], ax: Axes | None, style: dict[s
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
     from scipy.spatial import ConvexHull
 
+    check_plot_axes(ax)
     dim = regions[0]._positions.vertices.shape[1]
     kind = "3d" if dim == 3 else "rectilinear"
     axes: Any = Figure().add_subplot(projection=kind) if ax is None else ax

@@ -27,6 +27,7 @@ from cspace.inside import (
     check_finite,
     check_number,
     check_positive,
+    choose_text,
     frozen,
     names_options,
     number_parts,
@@ -724,9 +725,8 @@ class Trajectory:
                 "a path holds poses",
             )
         filled = Path() if msg is None else msg
-        return fill_path(
-            self.axes, self.positions, filled, frame_id or self._route.frame_id, self.times
-        )
+        frame = choose_text(frame_id, "frame_id", self._route.frame_id)
+        return fill_path(self.axes, self.positions, filled, frame, self.times)
 
     def to_joint_trajectory(self, msg: Any = None, *, frame_id: str = "") -> Any:
         """Return an arm's trajectory as a ``trajectory_msgs/JointTrajectory`` of ROS.
@@ -776,6 +776,8 @@ class Trajectory:
         from cspace.export import make_twists
         from cspace.ros import Twist
 
+        if make is not None and not callable(make):
+            raise InputError("make", f"is a {type(make).__name__}", "it is called for messages")
         return make_twists(make or Twist, self.v, self.omega)
 
     @names_options

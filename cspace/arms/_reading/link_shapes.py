@@ -48,6 +48,7 @@ from cspace.inside import (
     check_finite,
     check_known,
     check_positive,
+    check_word,
     join_surfaces,
     primitives,
     read_mesh,
@@ -72,6 +73,7 @@ def read_rigid_links(
 
     Parameters and errors are as for :meth:`cspace.Robot.from_urdf`.
     """
+    check_word(solid, "solid", ("auto", "surface", "fill"))
     surfaces = _read_surfaces(path, link, package_dirs, solid != "surface", visuals, spheres)
     name = Path(name_description(path)).name
     # Surfaces around and inside the links, or a single one if their meshes are exact.
