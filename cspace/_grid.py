@@ -11,7 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace._support.arrays import AXES, Bools, Floats, Ints
-from cspace._support.check import check_finite, check_points, check_positive
+from cspace._support.check import (
+    check_finite,
+    check_names,
+    check_points,
+    check_positive,
+    check_real,
+)
 from cspace.errors import InputError
 
 SLACK: Final = 2.0**-26
@@ -101,21 +107,24 @@ class Grid:
         frame_id: str = "",
     ) -> None:
         """Check numbers and names, and convert to tuples."""
-        corner = check_finite(lower, "lower", AXES[: np.size(shape)])
+        counts = check_real(shape, "shape")
+        axes = "xyz"[: counts.size] if axes is None else axes
+        units = "m" * counts.size if units is None else units
+        corner = check_finite(lower, "lower", AXES[: counts.size])
         if corner.ndim != 1 or len(corner) not in (2, 3):
             rule = "it must have length 2 or 3"
             raise InputError("lower", f"is {lower!r}", rule)
         dim = len(corner)
         side = check_positive(spacing, "spacing")
-        counts = np.asarray(shape)
         if counts.shape != corner.shape or counts.dtype.kind not in "iu" or (counts <= 0).any():
             problem = f"is {tuple(np.atleast_1d(counts).tolist())}"
             rule = f"it must have {dim} whole numbers above zero, the cells along each axis"
             raise InputError("shape", problem, rule)
         corners = np.stack([corner, corner + side * counts])
         check_reach(float(np.abs(corners).max() / side), "grid", "the origin")
-        names = tuple("xyz"[:dim] if axes is None else axes)
-        unit_names = ("m",) * dim if units is None else tuple(units)
+        # A string holds a letter for each axis.
+        names = tuple(check_names([*axes] if isinstance(axes, str) else axes, "axes"))
+        unit_names = tuple(check_names([*units] if isinstance(units, str) else units, "units"))
         rule = f"there must be {dim}, and axes must differ"
         if len(set(names)) != dim or len(names) != dim:
             raise InputError("axes", f"are {', '.join(names)}", rule)

@@ -337,7 +337,14 @@ class Space(ABC):
         """Return the configurations at fractions ``t``, shape (..., 1), of motions."""
         # A step has an entry for each degree of freedom, so only its leading axes are those of
         # starts.
-        steps = check_real(t, "t") * self.steps_between(q0, q1)
+        fractions, steps = check_real(t, "t"), self.steps_between(q0, q1)
+        try:
+            steps = fractions * steps
+        except ValueError as error:
+            problem = f"has shape {fractions.shape}, and motions have {steps.shape}"
+            raise InputError(
+                "t", problem, "it needs a last axis of 1, beside one number"
+            ) from error
         starts = check_rows(q0, "q0", self.axes)
         starts = np.broadcast_to(starts, (*steps.shape[:-1], self.size))
         return self.rotations.add_steps(starts, steps)

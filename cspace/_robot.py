@@ -109,7 +109,8 @@ class Robot(metaclass=AnswersNames):
         warn_of_likely_degrees(polygons.bounds, "robot")
         count = len(polygons.geometries)
         parts = f" in {count} parts" if count > 1 else ""
-        return cls(name or f"polygon with {polygons.corners} corners{parts}", polygons)
+        default = f"polygon with {polygons.corners} corners{parts}"
+        return cls(choose_text(name, "name", default), polygons)
 
     @classmethod
     @names_options

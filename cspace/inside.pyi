@@ -155,6 +155,7 @@ from ._support.check import check_dims as check_dims
 from ._support.check import check_each as check_each
 from ._support.check import check_finite as check_finite
 from ._support.check import check_known as check_known
+from ._support.check import check_names as check_names
 from ._support.check import check_not_negative as check_not_negative
 from ._support.check import check_number as check_number
 from ._support.check import check_plot_axes as check_plot_axes

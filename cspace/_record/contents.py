@@ -14,7 +14,7 @@ from cspace._record.exterior import OUTSIDES, UNKNOWN, Exterior
 from cspace._rotations import RotationCell, Rotations
 from cspace._shapes.layers import Heights
 from cspace._support.arrays import MIXED, Bools, Ints, States
-from cspace._support.check import check_finite, check_word
+from cspace._support.check import check_number, check_word
 from cspace.errors import InputError
 
 if TYPE_CHECKING:
@@ -161,7 +161,7 @@ def check_floor(floor: float, grid: Grid, robot: Robot, outside: str) -> float:
         raise InputError("floor", "is given for a plane workspace", rule)
     if robot.dim != 3:
         raise InputError("floor", "is given for a plane robot", "a robot in space has heights")
-    height = float(check_finite(floor, "floor"))
+    height = check_number(floor, "floor")
     check_reach(abs(height) / grid.spacing, "floor", "the origin")
     if outside != "free":
         check_heights("floor", f"is {height:g} m, so", height, grid, robot)

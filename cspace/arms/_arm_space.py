@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import BLOCKED, FREE, MIXED, Workspace
-from cspace.arms._checks import check_mapping, check_names, check_rigid
+from cspace.arms._checks import check_mapping, check_rigid
 from cspace.arms._inverse import (
     PoseGoal,
     check_pose_tolerance,
@@ -59,6 +59,7 @@ from cspace.inside import (
     bind_kernel,
     check_finite,
     check_known,
+    check_names,
     check_not_negative,
     check_rng,
     check_text,
@@ -347,6 +348,7 @@ class ArmSpace(ConfigurationSpace):
         ConfigurationError
             If no configuration would be free, or ``q`` is outside the limits; nothing changes then.
         """
+        check_text(name, "name")
         extra = None if padding is None else check_not_negative(padding, "padding")
         with self._lock:
             now = self.snapshot

@@ -73,18 +73,3 @@ def _make_rigid(matrix: Floats) -> tuple[Floats, bool]:
     # Largest error of an entry of a rotation matrix, because files round them to five digits.
     is_near = np.abs(rigid - matrix).max() < 1e-5
     return rigid, bool(is_near and np.linalg.det(rigid) > 0.0)
-
-
-def check_names(values: Iterable[str], name: str) -> list[str]:
-    """Return names as a list, also a single string.
-
-    Raises InputError if the values are not iterable.
-    """
-    if isinstance(values, str):
-        return [values]
-    try:
-        return list(values)
-    except TypeError as error:
-        problem = f"is {values!r}"
-        rule = "it must be a list of names"
-        raise InputError(name, problem, rule) from error

@@ -24,6 +24,7 @@ from cspace.inside import (
     StrPath,
     check_known,
     check_output,
+    check_word,
     join_surfaces,
     names_options,
     read_xml,
@@ -195,6 +196,7 @@ def find_spheres(
     """Find the balls of links with poses on their bodies; see :meth:`cspace.Arm.spheres`."""
     from cspace.spectral import decompose
 
+    check_word(kind, "kind", ("inner", "outer"))
     found = {}
     shapes = {link.name: _join_parts(link, pose) for link, pose in links}
     numbers = number if isinstance(number, Mapping) else dict.fromkeys(shapes, number)

@@ -34,6 +34,7 @@ from cspace.inside import (
     check_finite,
     check_known,
     check_memory,
+    check_names,
     check_positive,
     count_cores,
     map_in_threads,
@@ -122,7 +123,7 @@ def build_joint_map(
     names = _check_joints(arm, joints)
     joint_indices = np.array([arm.joints.index(name) for name in names])
     held = _check_held_joints(arm, joint_indices, held_joints)
-    parts = check_mapping(limits or {}, "limits", names)
+    parts = check_mapping({} if limits is None else limits, "limits", names)
     intervals = np.array([_find_range(space, name, parts) for name in names])
     joint_limits = np.column_stack([arm.lower, arm.upper])[joint_indices]
     shape = _count_cells(intervals, joint_limits, side)
@@ -178,7 +179,7 @@ def _count_cells(intervals: Floats, joint_limits: Floats, side: float) -> tuple[
 
 def _check_joints(arm: Arm, joints: Sequence[str] | None) -> tuple[str, ...]:
     """Return the names of two or three joints, or raise InputError."""
-    names = arm.joints if joints is None else tuple(joints)
+    names = arm.joints if joints is None else tuple(check_names(joints, "joints"))
     taken = *Rotations.of(1).names, *Rotations.quaternions(1).names
     for name in names:
         check_known(name, "joints", arm.joints, "name")
