@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import cspace
 import planners
-from cspace.errors import AngleWarning, InputError
+from cspace.errors import InputError
 from cspace.lanes import Mover, apart
 from tests.helpers.drives import make_drive
 from tests.helpers.handmade import build_empty
@@ -415,11 +415,6 @@ def test_wrong_trajectories(driven, tmp_path):
         apart(Mover("disc:0.3", moved), STILL)
     with pytest.raises(InputError, match=r"first\.velocity is given.*trajectory"):
         apart(Mover(robot, trajectories[0], velocity=(1.0, 0.0)), STILL)
-
-
-def test_yaws_in_degrees_are_warned_of():
-    with pytest.warns(AngleWarning, match="second"):
-        apart(STILL, Mover("rect:1x1", (3.0, 0.0, 90.0)))
 
 
 def test_frames_must_agree():
