@@ -241,8 +241,11 @@ def test_the_placement_of_a_geotiff_warns_and_rioxarray_places_it(tmp_path):
     placed = Workspace.from_array(rioxarray.open_rasterio(path)[0] < 128, 0.1)
     assert placed.grid.lower == pytest.approx(workspace.grid.lower)
     assert (placed.outer == workspace.outer).all()
-    tags = {262: (3, 1), 34264: (12, *range(16))}
-    path = write_tiff(tmp_path / "turned.tif", pack_levels(WALL, 8, "<"), 8, tags)
+
+
+@pytest.mark.parametrize("tag", [{33550: (12, 0.1, 0.1, 0.0)}, {34264: (12, *range(16))}])
+def test_the_placement_of_a_geotiff_is_named(tmp_path, tag):
+    path = write_tiff(tmp_path / "a.tif", pack_levels(WALL, 8, "<"), 8, {262: (3, 1)} | tag)
     with pytest.warns(UnitWarning, match="the placement of a GeoTIFF is not read"):
         Workspace.open(path, spacing=0.1)
 

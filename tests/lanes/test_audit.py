@@ -180,22 +180,6 @@ def test_margins_hold_around_the_ends_of_diagonal_lanes(post):
     assert truth - 0.15 <= row.margin <= truth
 
 
-def test_headings_decide_the_yaw(rooms):
-    # Through the door, 0.8 m wide, only along the robot; across it, the robot is 0.7 m long.
-    nodes = [(3.0, 2.5), (5.0, 2.5)]
-    for heading, verdict in (
-        ("forward", "free"),
-        ("backward", "free"),
-        ("both", "free"),
-        (0.0, "free"),
-        ("any", "blocked"),
-        (math.radians(45), "blocked"),
-    ):
-        graph = RouteGraph.from_arrays(nodes, [(0, 1)], heading)
-        (row,) = cspace.lanes.audit(rooms, graph).lanes
-        assert row.verdict == verdict, heading
-
-
 def test_an_asymmetric_robot_differs_backwards():
     occupied = np.zeros((40, 20), dtype=np.bool_)
     space = build(occupied)
@@ -204,11 +188,24 @@ def test_an_asymmetric_robot_differs_backwards():
         assert cspace.lanes.audit(space, graph).lanes[0].verdict == verdict
 
 
-def test_a_node_with_a_yaw_needs_the_turn(rooms):
-    nodes = [(1.0, 0.3), (3.0, 0.3)]
-    for yaws, verdict in (((math.nan, math.nan), "free"), ((math.pi / 2, math.nan), "blocked")):
-        graph = RouteGraph.from_arrays(nodes, [(0, 1)], yaws=yaws)
-        assert cspace.lanes.audit(rooms, graph).lanes[0].verdict == verdict
+THROUGH_DOOR = [(3.0, 2.5), (5.0, 2.5)]
+"""A door of 0.8 m, for a robot 0.7 m long."""
+
+BESIDE_WALL = [(1.0, 0.3), (3.0, 0.3)]
+
+
+@pytest.mark.parametrize(
+    "nodes, heading, yaw, verdict",
+    [
+        *((THROUGH_DOOR, way, math.nan, "free") for way in ("forward", "backward", "both", 0.0)),
+        *((THROUGH_DOOR, way, math.nan, "blocked") for way in ("any", math.radians(45))),
+        (BESIDE_WALL, "forward", math.nan, "free"),
+        (BESIDE_WALL, "forward", math.pi / 2, "blocked"),
+    ],
+)
+def test_headings_and_yaws_of_nodes_decide_the_yaw(rooms, nodes, heading, yaw, verdict):
+    graph = RouteGraph.from_arrays(nodes, [(0, 1)], heading, yaws=(yaw, math.nan))
+    assert cspace.lanes.audit(rooms, graph).lanes[0].verdict == verdict
 
 
 def test_a_node_with_a_range_of_yaws_needs_the_turns_to_both_ends_of_it():
