@@ -12,9 +12,7 @@ from shapely import affinity
 import cspace
 from tests.helpers import watch
 from tests.helpers.cpp import (
-    SANITIZERS,
     GateInCpp,
-    build_program,
     build_space,
     read_slowed,
     slow_in_cpp,
@@ -37,11 +35,6 @@ ROBOTS = {
 
 DT, BRAKES = 0.1, (1.0, 3.0)
 """Seconds of a command, and the brakes, m/s^2 and rad/s^2."""
-
-
-@pytest.fixture(scope="module")
-def program(tmp_path_factory):
-    return build_program(tmp_path_factory.mktemp("program") / "answers", "-O1")
 
 
 def draw_situations(space, count, rng):
@@ -331,10 +324,3 @@ def test_a_way_to_the_side_is_one_ahead_of_a_robot_turned_in_its_frame(
         other.close()
     shares, proven, leaves = np.transpose(found)
     assert len(np.unique(shares)) > 4 and min(proven.sum(), leaves.sum()) > count / 10
-
-
-@pytest.mark.thorough
-def test_a_gate_runs_clean_under_sanitizers(tmp_path, room):
-    program = build_program(tmp_path / "answers", "-O1", *SANITIZERS, "-fno-sanitize-recover=all")
-    test_points_stay_beyond_the_margin_and_near_ones_come_no_nearer(program, room, 40)
-    test_a_robot_at_a_place_that_rounding_swallows_leaves_nowhere(program, room)

@@ -14,7 +14,6 @@ from tests.fuzz.files import reseal
 from tests.helpers.cpp import (
     SPACES,
     answers_of,
-    build_program,
     build_space,
     count_differences,
     count_prefixes,
@@ -30,11 +29,6 @@ pytestmark = pytest.mark.skipif(bool(why_no_compiler()), reason=why_no_compiler(
 
 N = 2000
 """Number of queries of each map; fuzzing has 10^6 states and 10^5 motions."""
-
-
-@pytest.fixture(scope="module")
-def program(tmp_path_factory):
-    return build_program(tmp_path_factory.mktemp("program") / "answers", "-O0")
 
 
 def saved(folder, **options):

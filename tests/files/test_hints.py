@@ -2,7 +2,6 @@
 
 import copy
 import json
-import re
 
 import numpy as np
 import pytest
@@ -180,7 +179,6 @@ MESSAGE.data.extend([0, 100, -1, 0])
 
 CUBE = trimesh.creation.box((0.3, 0.3, 0.3))
 CLOUD = trimesh.PointCloud(CUBE.vertices)
-X = 0.05 + 0.1 * np.arange(4)
 
 
 def change(message, **fields):
@@ -195,21 +193,6 @@ def turned(z, w):
     origin = copy.deepcopy(MESSAGE.info.origin)
     origin.orientation.z, origin.orientation.w = z, w
     return origin
-
-
-def tilt(x):
-    """Return an origin that is turned about x."""
-    origin = copy.deepcopy(MESSAGE.info.origin)
-    origin.orientation.x = x
-    return origin
-
-
-def raster(x=X, **attributes):
-    """Make cells with coordinates."""
-    xarray = pytest.importorskip("xarray")
-    array = xarray.DataArray(np.eye(4, dtype=bool), dims=("x", "y"), coords={"x": x, "y": X})
-    array.x.attrs.update(attributes)
-    return array
 
 
 def save_image(folder, pixels, name="a.png", **options):
@@ -302,15 +285,3 @@ GREY = np.full((3, 4), 254, dtype=np.uint8)
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_calls_that_read_a_file_wrongly_are_refused(call, hint, tmp_path):
     check_refused(lambda: call(tmp_path), hint)
-
-
-@refusals(
-    "call, hint",
-    (
-        lambda f: from_image(save_image(f, GREY, "a.tif", tiffinfo={33550: (0.1, 0.1, 0.0)})),
-        "the placement of a GeoTIFF is not read",
-    ),
-)
-def test_what_a_file_does_not_say_is_warned_of(call, hint, tmp_path):
-    with pytest.warns(UserWarning, match=re.escape(hint)):
-        call(tmp_path)

@@ -180,10 +180,15 @@ def test_grey_tiffs_are_read_in_their_sense_or_refused(tmp_path, bits, photometr
         assert (photometric, order) != (1, "<")
 
 
-def test_signed_samples_of_a_tiff_are_refused(tmp_path):
+@pytest.mark.parametrize(
+    "tag, message",
+    [({339: (3, 2)}, "has image mode"), ({42113: (2, "255")}, "has a value for no data")],
+    ids=["signed samples", "no data"],
+)
+def test_pixels_of_a_tiff_that_mean_something_else_are_refused(tmp_path, tag, message):
     rows = pack_levels(WALL, 8, "<")
-    path = write_tiff(tmp_path / "wall.tif", rows, 8, {262: (3, 1), 339: (3, 2)})
-    with pytest.raises(FileError, match="has image mode"):
+    path = write_tiff(tmp_path / "wall.tif", rows, 8, {262: (3, 1)} | tag)
+    with pytest.raises(FileError, match=message):
         Workspace.open(path, spacing=0.1)
 
 
@@ -241,8 +246,11 @@ def test_the_placement_of_a_geotiff_warns_and_rioxarray_places_it(tmp_path):
     placed = Workspace.from_array(rioxarray.open_rasterio(path)[0] < 128, 0.1)
     assert placed.grid.lower == pytest.approx(workspace.grid.lower)
     assert (placed.outer == workspace.outer).all()
-    tags = {262: (3, 1), 34264: (12, *range(16))}
-    path = write_tiff(tmp_path / "turned.tif", pack_levels(WALL, 8, "<"), 8, tags)
+
+
+@pytest.mark.parametrize("tag", [{33550: (12, 0.1, 0.1, 0.0)}, {34264: (12, *range(16))}])
+def test_the_placement_of_a_geotiff_is_named(tmp_path, tag):
+    path = write_tiff(tmp_path / "a.tif", pack_levels(WALL, 8, "<"), 8, {262: (3, 1)} | tag)
     with pytest.warns(UnitWarning, match="the placement of a GeoTIFF is not read"):
         Workspace.open(path, spacing=0.1)
 
@@ -253,13 +261,6 @@ def test_a_world_file_is_named(tmp_path, name):
     (tmp_path / name).write_text("0.1\n0\n0\n-0.1\n5.05\n6.95\n")
     with pytest.warns(UnitWarning, match=f"the placement of {name} is not read"):
         Workspace.open(tmp_path / "map.png", spacing=0.1)
-
-
-def test_a_value_for_no_data_is_refused(tmp_path):
-    tags = {262: (3, 1), 42113: (2, "255")}
-    path = write_tiff(tmp_path / "gaps.tif", pack_levels(WALL, 8, "<"), 8, tags)
-    with pytest.raises(FileError, match="has a value for no data"):
-        Workspace.open(path, spacing=0.1)
 
 
 def test_further_pages_and_an_unusual_gamma_warn(tmp_path):

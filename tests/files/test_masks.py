@@ -11,7 +11,7 @@ import shapely
 from PIL import Image
 
 import cspace
-from tests.helpers.messages import write_map
+from tests.helpers.messages import as_mapping, make_message, write_map
 from tests.helpers.refusals import check_refused, refusals
 
 THRESHOLDS = {"occupied_thresh": 0.93, "free_thresh": 0.07}
@@ -72,19 +72,8 @@ def test_each_pixel_has_its_value(tmp_path, mode, negate, yaw):
 
 def test_a_message_is_read_in_its_frame():
     values = np.random.default_rng(5).integers(-1, 101, (6, 9))
-    msg = {
-        "header": {"frame_id": "hall"},
-        "info": {
-            "resolution": float(np.float32(0.05)),
-            "width": 9,
-            "height": 6,
-            "origin": {
-                "position": {"x": 1.0, "y": 2.0, "z": 0.0},
-                "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
-            },
-        },
-        "data": values.ravel().tolist(),
-    }
+    msg = as_mapping(make_message(values, float(np.float32(0.05)), (1.0, 2.0)))
+    msg["header"] = {"frame_id": "hall"}
     mask = cspace.ros.read_mask(msg)
     y, x = np.indices(values.shape).reshape(2, -1)
     centers = np.column_stack([1.0 + 0.05 * (x + 0.5), 2.0 + 0.05 * (y + 0.5)])

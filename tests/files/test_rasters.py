@@ -97,16 +97,11 @@ def test_attributes_of_a_coordinate_count(attributes, message):
         Workspace.from_array(raster, 0.1)
 
 
-def test_unknown_attributes_of_a_coordinate_and_of_zarr_are_named(tmp_path):
+def test_unknown_attributes_of_a_coordinate_are_named():
     raster = make_raster()
     raster["x"].attrs = {"shift": 0.5}
     with pytest.warns(UserWarning, match=r"occupied\.x, attributes: .* not read: shift"):
         Workspace.from_array(raster, 0.1)
-    options = {"config": {"write_empty_chunks": True}, "compressors": None}
-    cells = np.eye(4, dtype=bool)
-    zarr.create_array(tmp_path / "a.zarr", data=cells, attributes={"spacing": 0.5}, **options)
-    with pytest.warns(UserWarning, match="attributes: these fields are not read: spacing"):
-        Workspace.open(tmp_path / "a.zarr", spacing=0.1)
 
 
 def test_a_raster_of_one_band_is_that_of_the_plane():

@@ -190,10 +190,13 @@ def test_unusable_geometries_are_refused(source, message):
 # Reference systems, curves and other frames
 
 
+HOUSES = [box(x, 47.37, x + 3e-4, 47.3702) for x in (8.54, 8.55)]
+"""Two buildings of 30 m in Zurich, in degrees."""
+
+
 def town(crs=None, **members):
-    """Return GeoJSON of two buildings of 30 m in Zurich, in degrees."""
-    buildings = [box(x, 47.37, x + 3e-4, 47.3702) for x in (8.54, 8.55)]
-    features = [{"type": "Feature", "properties": {}, "geometry": mapping(b)} for b in buildings]
+    """Return GeoJSON of the buildings."""
+    features = [{"type": "Feature", "properties": {}, "geometry": mapping(b)} for b in HOUSES]
     if crs:
         members["crs"] = {"type": "name", "properties": {"name": crs}}
     return {"type": "FeatureCollection", "features": features, **members}
@@ -324,7 +327,6 @@ def test_sizes_within_a_collection_are_named():
         read_shapes({"type": ["GeometryCollection"], "geometries": []})
 
 
-HOUSES = [box(x, 47.37, x + 3e-4, 47.3702) for x in (8.54, 8.55)]
 ROOM = box(8.5, 5.0, 8.6, 5.1)
 
 CITY = "8.40{0}49.00{0}110\n8.90{0}49.40{0}112\n8.60{0}49.20{0}115\n"

@@ -39,19 +39,6 @@ def any_map(request, tmp_path_factory):
     return build_map(space, storage, "free", 5, tmp_path_factory.mktemp("any"))
 
 
-def stray(any_map, q, tracking, signs, axes):
-    """Move configurations by errors, as far as ``signs`` say, rotated about unit ``axes``."""
-    dim = any_map.dim
-    turn = tracking[dim] if len(tracking) > dim else 0.0
-    return move(any_map.memory, q, signs[:, :dim] * tracking[:dim], signs[:, dim:] * turn * axes)
-
-
-def draw_axes(any_map, rng, n):
-    """Draw unit vectors about which rotations stray: z, unless the robot rotates about any axis."""
-    axes = rng.normal(size=(n, 3)) if any_map.space.size == 7 else np.tile((0.0, 0.0, 1.0), (n, 1))
-    return axes / np.linalg.norm(axes, axis=1, keepdims=True)
-
-
 # ---- proofs of maps ------------------------------------------------------------------------------
 
 
@@ -268,16 +255,6 @@ def test_twists_that_exceed_limits_are_refused(room):
         assert chunk.refusal[:3] == (1, "limit", ("twist",))
 
 
-def test_a_batch_of_twists_equals_single_chunks(room):
-    rng = np.random.default_rng(0)
-    twists = rng.normal(0.3, (0.3, 1.0), (100, 20, 2))
-    batch = certify_twists(room, START, twists, 0.2, 0.05)
-    single = [certify_twists(room, START, each, 0.2, 0.05).proven for each in twists]
-    # The arcs of a batch are as short as its tightest one needs.
-    assert np.abs(batch.proven - single).max() <= 1
-    assert 0 < batch.is_proven.sum() < 100
-
-
 # ---- answers -------------------------------------------------------------------------------------
 
 
@@ -332,20 +309,11 @@ def test_each_tube_has_radii_of_its_own(any_map):
     rng, space = np.random.default_rng(3), any_map.space
     starts = any_map.draw_inside(rng, 200)[0]
     radii = rng.choice([0.0, 0.01, 0.1, 0.5], (200, any_map.dim + bool(space.rotations.names)))
-    signs = rng.uniform(-1.0, 1.0, (200, any_map.dim + 1))
-    ends = stray(
-        any_map, starts, np.full(any_map.dim + 1, 0.2), signs, draw_axes(any_map, rng, 200)
-    )
+    ends = move(any_map.memory, starts, *any_map.draw_moves(rng, 200))
     rows = zip(starts, ends, radii, strict=True)
     alone = [certify_chunk(space, start, [end], row).is_proven for start, end, row in rows]
     assert tubes_are_free(space, starts, ends, radii).tolist() == alone
     assert 0.02 < np.mean(alone) < 0.98
-
-
-def test_an_empty_batch_has_no_counts(any_map):
-    size = any_map.space.size
-    batch = certify_chunk(any_map.space, np.empty((0, size)), np.empty((0, 5, size)), 0.01)
-    assert batch.proven.shape == batch.is_proven.shape == (0,)
 
 
 def test_a_map_in_tiles_opens_no_part_for_refused_rows(tmp_path, monkeypatch):
@@ -534,10 +502,6 @@ FLAT = (1.0, 2.5)
         "twist is [1e+300, 0.0] ... 100000",
     ),
     (lambda s: braking(s).stop_distance((0, -1e16)), "twist is [0.0, -1e+16] ... 100000"),
-    (
-        lambda s: certify_chunk(s, START, [START], dt=0.1),
-        "max_velocity is missing ... number",
-    ),
     (
         lambda s: certify_chunk(s, START, [START], max_velocity=1.0),
         "dt is missing ... speeds",

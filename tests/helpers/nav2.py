@@ -21,9 +21,6 @@ DRIVES = {"differential": 0, "differential-reverse": 0, "dubins": 0.4, "reeds-sh
 WALLS = shapely.union_all([shapely.box(2.8, 0, 3.2, 2.5), shapely.box(0, 0, 7, 3.8).boundary])
 """Turning radii of drives that cannot move aside, and the walls of the room."""
 
-Pose = tuple[float, ...]
-"""x, y, yaw, and a tilt about the robot's own x axis."""
-
 
 def write_pose(x, y, yaw, tilt=0.0):
     half, lean = yaw / 2, tilt / 2

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import cspace
 import planners
-from cspace.errors import AngleWarning, InputError
+from cspace.errors import InputError
 from cspace.lanes import Mover, apart
 from tests.helpers.drives import make_drive
 from tests.helpers.handmade import build_empty
@@ -21,6 +21,8 @@ from tests.helpers.regions import place_polygon
 from tests.helpers.strategies import examples, few
 
 NOTCHED = [(-0.4, -0.3), (0.4, -0.3), (0.4, -0.1), (-0.1, 0.0), (0.4, 0.1), (0.4, 0.3), (-0.4, 0.3)]
+
+LIMITS = {"max_velocity": 1.0, "max_acceleration": 1.0}
 
 
 def build(robot, rotations=36):
@@ -94,8 +96,7 @@ def test_the_ends_of_a_bar_that_turns_are_seen():
     space = build("rect:2.0x0.1")
     plan = planners.plan(space, (5.0, 4.0, 0.0), (5.0, 4.0, 2.8), drive=planners.Differential())
     trajectory = plan.trajectory(
-        max_velocity=1.0,
-        max_acceleration=1.0,
+        **LIMITS,
         max_angular_velocity=1.0,
         max_angular_acceleration=1.0,
     )
@@ -158,12 +159,12 @@ def test_errors_grow_until_robots_may_touch():
 def test_a_robot_stays_where_it_starts_and_where_it_ends():
     space = build("disc:0.3", rotations=None)
     plan = planners.plan(space, (1.0, 4.0), (9.0, 4.0))
-    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=1.0)
+    trajectory = plan.trajectory(**LIMITS)
     robot = Mover(space.robot, trajectory, at=5.0)
     assert apart(robot, Mover("disc:0.2", (9.0, 30.0))).interval == (5.0, 5.0 + trajectory.duration)
     # Another robot passes its start before it leaves.
     across = planners.plan(space, (1.0, 1.0), (1.0, 7.0))
-    other = across.trajectory(max_velocity=1.0, max_acceleration=1.0)
+    other = across.trajectory(**LIMITS)
     assert apart(robot, Mover(space.robot, other)).time < 5.0
     # Another one passes the end long after the robot came there.
     later = Mover("disc:0.2", (9.0, 30.0), velocity=(0.0, -1.0))
@@ -175,7 +176,7 @@ def test_a_robot_stays_where_it_starts_and_where_it_ends():
 def test_time_begins_when_the_first_of_both_moves():
     space = build("disc:0.3", rotations=None)
     plan = planners.plan(space, (1.0, 4.0), (9.0, 4.0))
-    trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=1.0)
+    trajectory = plan.trajectory(**LIMITS)
     robot = Mover(space.robot, trajectory, at=12.0)
     end = 12.0 + trajectory.duration
     for thing, interval in (
@@ -272,7 +273,7 @@ def test_things_that_move_alike_keep_their_distance(robot):
 @pytest.mark.parametrize("max_jerk", [None, 1.0])
 def test_a_convoy_keeps_its_distance_for_a_kilometre(max_jerk):
     space = build_empty((2200, 20), "disc:0.3", 0.5)
-    limits = {"max_velocity": 1.0, "max_acceleration": 1.0, "max_jerk": max_jerk}
+    limits = {**LIMITS, "max_jerk": max_jerk}
     front, rear = (
         planners.plan(space, (x, 5.0), (x + 1000.0, 5.0)).trajectory(**limits) for x in (2.8, 2.0)
     )
@@ -286,8 +287,7 @@ def test_a_convoy_keeps_its_distance_for_a_kilometre(max_jerk):
 
 def test_equal_speeds_in_the_middle_prove_nothing_of_one_that_brakes():
     space = build_empty((200, 20), "disc:0.3", 0.1)
-    limits = {"max_velocity": 1.0, "max_acceleration": 1.0}
-    drive = planners.plan(space, (2.0, 1.0), (12.0, 1.0)).trajectory(**limits)
+    drive = planners.plan(space, (2.0, 1.0), (12.0, 1.0)).trajectory(**LIMITS)
     stop = drive.braked(3.0)
     # After half a second both drive at about 0.5 m/s, an eighth of a metre farther apart.
     front = Mover("disc:0.3", stop)
@@ -417,11 +417,6 @@ def test_wrong_trajectories(driven, tmp_path):
         apart(Mover(robot, trajectories[0], velocity=(1.0, 0.0)), STILL)
 
 
-def test_yaws_in_degrees_are_warned_of():
-    with pytest.warns(AngleWarning, match="second"):
-        apart(STILL, Mover("rect:1x1", (3.0, 0.0, 90.0)))
-
-
 def test_frames_must_agree():
     plans = []
     cells = np.zeros((60, 60), dtype=np.bool_)
@@ -429,6 +424,6 @@ def test_frames_must_agree():
         grid = cspace.Grid((0.0, 0.0), 0.1, cells.shape, frame_id=frame)
         space = cspace.build(cspace.Workspace(grid, cells, cells), "disc:0.2")
         plan = planners.plan(space, (1.0, 1.0), (5.0, 5.0))
-        plans.append(plan.trajectory(max_velocity=1.0, max_acceleration=1.0))
+        plans.append(plan.trajectory(**LIMITS))
     with pytest.raises(InputError, match="has the frame 'hall', but first has 'map'"):
         apart(Mover("disc:0.2", plans[0]), Mover("disc:0.2", plans[1], at=20.0))

@@ -261,7 +261,8 @@ def test_times_are_stamps_and_errors_grow(straight):
 def test_a_robot_waits_between_two_roads():
     # Others come one after the other, so that no early start lets the robot through at once.
     space = build_empty((120, 100), "rect:0.7x0.5")
-    free = planners.plan(space, (1.0, 5.0), (11.0, 5.0)).trajectory(**LIMITS)
+    plan = planners.plan(space, (1.0, 5.0), (11.0, 5.0))
+    free = plan.trajectory(**LIMITS)
     others = [
         Mover("disc:0.3", (x, 5.0), at=at, velocity=(0.0, sign), error=0.02)
         for x, sign in ((4.0, 1.0), (8.0, -1.0))
@@ -275,7 +276,6 @@ def test_a_robot_waits_between_two_roads():
     is_between = (places[:, 0] > 4.0) & (places[:, 0] < 8.0)
     assert velocities[is_between, 0].min() < 0.01
     # Limited jerk leaves waits at the start alone.
-    plan = planners.plan(space, (1.0, 5.0), (11.0, 5.0))
     smooth = Mover(space.robot, plan.trajectory(**LIMITS, max_jerk=5.0))
     late = time_around(smooth, others, margin=0.1, until=40.0)
     assert late.trajectory.duration > free.duration + 10.0

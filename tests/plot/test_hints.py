@@ -19,12 +19,6 @@ def flat():
 
 
 @cache
-def turning():
-    """Build a map in the plane with a yaw."""
-    return build(flat().workspace, Robot.disc(0.05), rotations=2)
-
-
-@cache
 def spatial():
     """Build a map in space."""
     return build(Workspace.from_array(np.ones((4, 4, 4), dtype=bool), 0.1), Robot.ball(0.05))

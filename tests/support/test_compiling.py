@@ -20,13 +20,10 @@ import pytest
 from numba.core import event
 from numba.core.registry import cpu_target
 
-import cspace
 from cspace._support import shipped
 from cspace._support.compiling import cache_folder, clock, internal, is_private, kernel
 from tests.helpers.missing import output_without
 from tests.helpers.scripts import run_script, start_script
-
-ROOT = Path(cspace.__file__).parents[1]
 
 PROBE = """
 from cspace._support.compiling import kernel

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import shapely
 import trimesh
-from scipy.spatial.transform import Rotation
 
 import cspace
 from cspace import Grid, MeshWarning, Robot, Rotations, Workspace, build, make_mesh
@@ -30,19 +29,12 @@ def space():
 
 
 @cache
-def turning():
-    """Build the map of a robot that turns."""
-    return build(FLOOR, Robot.rectangle(0.2, 0.1), rotations=8)
-
-
-@cache
 def floating():
     """Build the map of a ball that turns in space."""
     return build(ROOM, Robot.ball(0.05), rotations=Rotations.quaternions(2))
 
 
 HERE = (2.5, 0.5)
-TURN = Rotation.from_euler("z", 0.1)
 CELLS = np.eye(3, dtype=bool)
 WIDE = np.eye(9, dtype=bool)
 

@@ -252,8 +252,6 @@ def test_users_choose_the_frame_and_six_joints_follow_its_rotation(tmp_path):
 
 @refusals(
     "error, options, message",
-    (InputError, {"path": np.zeros((3, 3))}, "path has shape"),
-    (InputError, {"start": (0.0,)}, "start has shape"),
     (ConfigurationError, {"goal": (4.0, 0.0)}, "goal has shoulder at 4"),
     (InputError, {"frame": "hand"}, "frame is 'hand'"),
     (InputError, {"frame": "foot"}, "frame is 'foot'"),

@@ -67,9 +67,9 @@ class Node(Program):
         """Configure and activate the node."""
         assert [self.ask("configure"), self.ask("activate")] == ["success", "success"]
 
-    def deactivate(self):
-        """Deactivate the node; return what it publishes until it rests."""
-        self.tell("deactivate")
+    def leave(self, way):
+        """Deactivate the node, or shut it down; return what it publishes until it rests."""
+        self.tell(way)
         return list(iter(self.read_line, "success"))
 
     def cycle(self, command="command 0.6 0.0", scan=f"laser {FREE}"):
@@ -218,7 +218,7 @@ def test_another_publisher_of_commands_is_named_and_nothing_is_sent_beside_it(no
         assert node.cycle() == (0.6, 0.0)
         node.tell(f"rival {others}")
         assert node.cycle() == (0.55, 0.0)
-    node.deactivate()
+    node.leave("deactivate")
     for rival in ("collision_monitor", "cspace_gate"):
         node.tell(f"rival {rival}")
         assert node.ask("activate") == "failure"
@@ -275,13 +275,7 @@ def test_it_slowly_leaves_a_wall_that_it_is_too_near_to(start, maps, name):
 
 @pytest.mark.parametrize("way", ["deactivate", "shutdown", "end"])
 def test_it_comes_to_rest_before_it_goes(node, way):
-    if way == "end":
-        lines = node.end()
-    else:
-        lines = [node.ask(way)]
-        while lines[-1] != "success":
-            lines.append(node.read_line())
-        lines.pop()
+    lines = node.end() if way == "end" else node.leave(way)
     speeds = [float(line.split()[1]) for line in lines]
     assert len(speeds) == 12 and speeds[-1] == 0.0
     np.testing.assert_allclose(-np.diff([0.6, *speeds]), 0.05)
@@ -291,7 +285,7 @@ def test_it_can_be_configured_anew(node):
     node.cycle("command 0 0")
     for _ in range(12):
         node.cycle("command 0 0")
-    node.deactivate()
+    node.leave("deactivate")
     assert node.ask("cleanup") == "success"
     node.activate()
     node.cycle()
@@ -344,16 +338,11 @@ def test_parameters_that_cannot_be_are_refused_when_configured(start, maps, para
 
 
 @pytest.fixture
-def follow(start, tmp_path):
+def follow(start, builder, tmp_path):
     """Return a function that starts a node on the topic of grids."""
-    script = tmp_path / "builder"
-    script.write_text(
-        f'#!/bin/sh\necho >> {tmp_path}/calls\nexec {sys.executable} -m cspace "$@"\n'
-    )
-    script.chmod(0o755)
 
     def follow(**parameters):
-        options = {"map": "", "robot": f"footprint:{SIDES}", "rotations": 36, "builder": script}
+        options = {"map": "", "robot": f"footprint:{SIDES}", "rotations": 36, "builder": builder}
         node = start(map_folder=tmp_path / "maps", **{**options, **parameters})
         node.activate()
         return node
@@ -435,14 +424,12 @@ def test_a_grid_that_has_grown_is_compared_cell_by_cell(follow, before, grown, r
     assert not reason or f"stops: the map {reason}" in node.read_log()
 
 
-def test_a_build_ends_although_a_newer_grid_comes(follow, tmp_path):
-    script = tmp_path / "endless"
-    script.write_text(
-        f"#!/bin/sh\nmkdir {tmp_path}/first || exec sleep 600\n"
+def test_a_build_ends_although_a_newer_grid_comes(follow, write_script, tmp_path):
+    script = write_script(
+        f"mkdir {tmp_path}/first || exec sleep 600\n"
         f"while [ ! -e {tmp_path}/newer ]; do sleep 0.1; done\n"
-        f'exec {sys.executable} -m cspace "$@"\n'
+        f'exec {sys.executable} -m cspace "$@"'
     )
-    script.chmod(0o755)
     node = follow(builder=script)
     node.tell("grid map 0")
     until((tmp_path / "first").exists)
@@ -481,14 +468,12 @@ def test_it_stands_and_says_why_there_is_no_gate(follow, parameters, grid, messa
     assert len(lines) == len(set(lines)) < 6
 
 
-def test_a_map_that_another_process_has_kept_meanwhile_stays(follow, tmp_path):
-    script = tmp_path / "faster"
-    script.write_text(
-        f'#!/bin/sh\n{sys.executable} -m cspace "$@" || exit 1\n'
+def test_a_map_that_another_process_has_kept_meanwhile_stays(follow, write_script, tmp_path):
+    script = write_script(
+        f'{sys.executable} -m cspace "$@" || exit 1\n'
         f"part=$(echo {tmp_path}/maps/*.part)\nkept=${{part%%.*.part}}\n"
-        'cp -r "$part" "$kept"\ntouch "$kept/other"\n'
+        'cp -r "$part" "$kept"\ntouch "$kept/other"'
     )
-    script.chmod(0o755)
     node = follow(builder=script)
     node.tell("grid map 0")
     cycle_until(node, "drives")
@@ -553,11 +538,9 @@ def test_what_is_in_the_way_of_a_map_is_no_map_and_stays(follow, tmp_path, name)
     assert list((tmp_path / "maps").iterdir()) == [kept]
 
 
-def test_builds_at_once_keep_out_of_each_others_way(follow, program, tmp_path):
+def test_builds_at_once_keep_out_of_each_others_way(follow, program, write_script, tmp_path):
     """The folder of a build stays while its node lives, and goes after the node was killed."""
-    script = tmp_path / "slow"
-    script.write_text(f"#!/bin/sh\ntouch {tmp_path}/started\nexec sleep 600\n")
-    script.chmod(0o755)
+    script = write_script(f"touch {tmp_path}/started\nexec sleep 600")
     options = {"map": "", "robot": f"footprint:{SIDES}", "rotations": 36, "builder": script}
     slow = Node(program, tmp_path / "log", map_folder=tmp_path / "maps", **options)
     slow.ask("configure")
