@@ -293,7 +293,6 @@ def test_costs_of_another_shape_are_refused():
         "robot is 'robot.urdf' ... shorthand",
     ),
     (lambda: cspace.build(WALLS, Robot.disc(0.1), margin=np.nan), "margin is nan"),
-    (lambda: cspace.build(WALLS, Robot.disc(0.1), counts="yes"), "counts is 'yes'"),
     (
         lambda: cspace.build(WALLS, Robot.disc(0.1), progress=True),
         "progress is True ... steps",

@@ -244,14 +244,6 @@ def test_more_iterations_give_a_path():
 # ---- start and goal ------------------------------------------------------------------------------
 
 
-def test_an_end_in_an_undecided_cell_is_accepted_with_exact_if_it_is_free():
-    space = build_walls(CORRIDOR, SQUARE, 72)
-    for ends in ((AHEAD[0], (2.5, 2.0, 0.0)), ((2.5, 2.0, 0.0), AHEAD[0])):
-        with pytest.raises(ConfigurationError, match=r"MIXED cell; .*; space\.exact"):
-            planners.plan(space, *ends)
-        assert planners.plan(space.exact, *ends).certified
-
-
 @pytest.mark.parametrize("rotations", [None, 12, 360])
 def test_an_end_in_collision_is_said_to_be_and_the_nearest_is_accepted(rotations):
     # The middle of the robot lies over an obstacle too thin to fill a cell.
@@ -470,7 +462,6 @@ def plan_in(name, **options):
         lambda: plan_in("plane").trajectory(max_velocity=1.0, max_acceleration=math.nan),
         "max_acceleration is nan",
     ),
-    (lambda: plan_in("plane").trajectory(**LIMITS, blend="yes"), "blend is 'yes'"),
     (
         lambda: plan_in("plane").trajectory(**LIMITS).recheck(build_room("turning")),
         "space has the axes x, y, yaw",

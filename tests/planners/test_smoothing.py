@@ -69,8 +69,7 @@ def test_blended_motion_is_free_smooth_and_within_limits(drive, rotations):
 def test_per_axis_limits_hold_on_curves():
     plan = build_plan(1, "holonomic", None)
     trajectory = plan.trajectory(max_velocity=(1.0, 0.4), max_acceleration=(0.3, 0.9))
-    t = np.linspace(0.0, trajectory.duration, 2001)
-    _, velocities, accelerations = trajectory.sample(t)
+    _, velocities, accelerations = sample_evenly(trajectory, 2001)
     assert (np.abs(velocities).max(axis=0) <= [SLACK, SLACK * 0.4]).all()
     assert (np.abs(accelerations).max(axis=0) <= [SLACK * 0.3, SLACK * 0.9]).all()
 
@@ -205,8 +204,7 @@ def test_curve_passes_outside_a_corner_that_touches_an_obstacle():
     plan = planners.plan(space, rows[0], rows[-1])
     plan = replace_rows(plan, rows)
     trajectory = plan.trajectory(max_velocity=1.0, max_acceleration=0.5)
-    t = np.linspace(0.0, trajectory.duration, 2001)
-    positions, velocities, _ = trajectory.sample(t)
+    positions, velocities, _ = sample_evenly(trajectory, 2001)
     nearest = np.linalg.norm(positions - corner, axis=1).argmin()
     assert 0.0 < (positions[nearest] - corner) @ (-1.0, 1.0) < 0.05
     assert np.linalg.norm(velocities[nearest]) > 0.3
@@ -217,8 +215,7 @@ def test_small_lateral_limit_slows_a_differential_drive():
     limits = LIMITS | TURNING_LIMITS
     slow = make_drive("differential", max_lateral_acceleration=0.1)
     trajectory = dataclasses.replace(plan, drive=slow).trajectory(**limits)
-    t = np.linspace(0.0, trajectory.duration, 2001)
-    _, velocities, _ = trajectory.sample(t)
+    _, velocities, _ = sample_evenly(trajectory, 2001)
     lateral = np.linalg.norm(velocities[:, :2], axis=1) * np.abs(velocities[:, 2])
     assert lateral.max() <= SLACK * 0.1
 
