@@ -73,7 +73,11 @@ def check_shapes(shapes: Sequence[BaseGeometry], names: Sequence[str]) -> None:
     # For each reason, the mask of the shapes to refuse, and the parts of the message.
     for refused, problem, rule in (
         (shapely.is_empty(array), "is empty", "it must cover some ground"),
-        (shapely.has_z(array), "has z coordinates", "obstacles in the plane have two"),
+        (
+            shapely.has_z(array),
+            "has z coordinates",
+            "obstacles in the plane have two; shapely.force_2d drops heights",
+        ),
         (
             is_invalid,
             f"is not valid: {reason}",

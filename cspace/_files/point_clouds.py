@@ -171,6 +171,9 @@ _BRACKETS: Final = re.compile(r"[\[(][^\])]*[\])]")
 _COUNTER: Final = re.compile(r"i|n|id|idx|index|n[or]|label|class|t|time|(time)?stamps?|frame|seq")
 """Name, in lower case, of a column before the coordinates."""
 
+_NO_NAME: Final = re.compile(r"(\"\")?[,;\t]")
+"""Beginning of a heading whose first column has no name."""
+
 _WORD: Final = re.compile(r"[^\s,;\"']+")
 
 
@@ -195,7 +198,9 @@ def _find_rows(text: str) -> tuple[list[str], int]:
             words = _WORD.findall(_BRACKETS.sub(" ", content.lstrip("#/")))
             is_heading = len(words) == len(first_row) and _names_columns(words)
         if words and is_heading:
-            names = words
+            # pandas and R write an index, whose column has no name.
+            has_index = _NO_NAME.match(line) and len(words) == len(first_row) - 1
+            names = ["", *words] if has_index else words
         elif words and not is_comment:
             return names, number
     return names, len(lines)

@@ -156,6 +156,8 @@ def test_malformed_text_is_refused(tmp_path, text, message):
 HEADINGS = [
     ("id,x,y,z", "0,1,2,3"),
     ("# id,x,y,z", "0,1,2,3"),
+    (",x,y,z", "0,1,2,3"),
+    ('"";"z";"y";"x"', "0;3;2;1"),
     ("#id x y z", "0 1 2 3"),
     ("//Z Y X Intensity", "3 2 1 9"),
     ("# made by hand\n\n# Z,X,Y", "3,1,2"),

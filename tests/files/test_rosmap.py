@@ -84,6 +84,10 @@ def test_the_image_is_found_from_any_working_folder(tmp_path, monkeypatch):
     (tmp_path / "m.pgm").write_text("P2\n1 1\n255\n255\n")
     with pytest.warns(UserWarning, match="lies outside the folder"):
         assert not Workspace.open(outside).outer.any()
+    outside.write_text(path.read_text().replace("images/m.pgm", "/home/other/maps/m.pgm"))
+    (outside.parent / "m.pgm").write_text("P2\n1 1\n255\n255\n")
+    with pytest.raises(FileError, match=r"did you mean 'm\.pgm', beside it"):
+        Workspace.open(outside)
 
 
 @given(
