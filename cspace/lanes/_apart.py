@@ -41,6 +41,7 @@ from cspace.inside import (
     robot_of,
     tell_apart,
     warn_of_large,
+    warn_user,
     wrap_angles,
 )
 
@@ -56,6 +57,9 @@ SPEED_ROUNDING: Final = 1e-9
 
 MAX_CLOCK_STEP: Final = 1e-3
 """Largest difference, seconds, between two successive times of a clock."""
+
+DAY: Final = 86_400.0
+"""Seconds between the beginnings of two motions beyond which they may be of two clocks."""
 
 MAX_SAMPLES: Final = 300
 """Number of points of a solid that are tried to be inside another one."""
@@ -298,7 +302,7 @@ def _check_axes(axes: tuple[str, ...], robot: Robot, name: str) -> None:
 
 
 def check_pair(first: Timed, second: Timed, names: tuple[str, str]) -> None:
-    """Raise InputError unless two motions are in one space and frame."""
+    """Raise InputError unless two motions are in one space and frame; warn of two clocks."""
     if first.robot.dim != second.robot.dim:
         places = [each.robot.shape.place for each in (first, second)]
         problem = f"moves in {places[1]}, but {names[0]} in {places[0]}"
@@ -307,6 +311,14 @@ def check_pair(first: Timed, second: Timed, names: tuple[str, str]) -> None:
     if None not in frames and frames[0] != frames[1]:
         problem = f"has the frame {frames[1]!r}, but {names[0]} has {frames[0]!r}"
         raise InputError(f"{names[1]}.motion", problem, "positions must be in one frame")
+    both_move = all(
+        each.trajectory or each.velocity.any() or each.growth for each in (first, second)
+    )
+    if both_move and abs(first.at - second.at) > DAY:
+        warn_user(
+            f"{names[0]} begins at {first.at:g} s and {names[1]} at {second.at:g} s, days apart; "
+            "`at` is of one clock"
+        )
 
 
 def _find_interval(movers: tuple[Timed, Timed], until: float | None) -> tuple[float, float]:

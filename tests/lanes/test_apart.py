@@ -427,3 +427,10 @@ def test_frames_must_agree():
         plans.append(plan.trajectory(**LIMITS))
     with pytest.raises(InputError, match="has the frame 'hall', but first has 'map'"):
         apart(Mover("disc:0.2", plans[0]), Mover("disc:0.2", plans[1], at=20.0))
+
+
+def test_motions_of_two_clocks_are_told_and_things_that_stand_have_none():
+    seen = Mover("disc:0.2", (0.0, 0.0), at=1.7e9, velocity=(1.0, 0.0))
+    with pytest.warns(UserWarning, match="days apart"):
+        apart(seen, Mover("disc:0.2", (5.0, 5.0), velocity=(0.0, 1.0)), until=1.7e9 + 5.0)
+    assert apart(seen, Mover("disc:0.2", (5.0, 5.0)), until=1.7e9 + 5.0).verdict == "apart"
