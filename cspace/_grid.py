@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 from cspace._support.arrays import AXES, Bools, Floats, Ints
 from cspace._support.check import (
     check_finite,
-    check_names,
     check_points,
     check_positive,
     check_real,
 )
+from cspace._support.kinds import make_kind_error
 from cspace.errors import InputError
 
 SLACK: Final = 2.0**-26
@@ -122,9 +122,11 @@ class Grid:
             raise InputError("shape", problem, rule)
         corners = np.stack([corner, corner + side * counts])
         check_reach(float(np.abs(corners).max() / side), "grid", "the origin")
-        # A string holds a letter for each axis.
-        names = tuple(check_names([*axes] if isinstance(axes, str) else axes, "axes"))
-        unit_names = tuple(check_names([*units] if isinstance(units, str) else units, "units"))
+        for values, name in ((axes, "axes"), (units, "units")):
+            words = list(values) if isinstance(values, Iterable) else [None]
+            if not all(isinstance(word, str) for word in words):
+                raise make_kind_error(values, name, "it must be a list of names")
+        names, unit_names = tuple(axes), tuple(units)
         rule = f"there must be {dim}, and axes must differ"
         if len(set(names)) != dim or len(names) != dim:
             raise InputError("axes", f"are {', '.join(names)}", rule)

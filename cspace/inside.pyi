@@ -155,10 +155,8 @@ from ._support.check import check_dims as check_dims
 from ._support.check import check_each as check_each
 from ._support.check import check_finite as check_finite
 from ._support.check import check_known as check_known
-from ._support.check import check_names as check_names
 from ._support.check import check_not_negative as check_not_negative
 from ._support.check import check_number as check_number
-from ._support.check import check_plot_axes as check_plot_axes
 from ._support.check import check_point as check_point
 from ._support.check import check_points as check_points
 from ._support.check import check_positive as check_positive
@@ -166,7 +164,6 @@ from ._support.check import check_real as check_real
 from ._support.check import check_rng as check_rng
 from ._support.check import check_text as check_text
 from ._support.check import check_word as check_word
-from ._support.check import choose_text as choose_text
 from ._support.check import names_options as names_options
 from ._support.check import suggest_name as suggest_name
 from ._support.compiling import allocating as allocating

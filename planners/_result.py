@@ -23,7 +23,6 @@ from cspace.inside import (
     Upright,
     check_number,
     check_positive,
-    choose_text,
     names_options,
     replacing,
     show_png,
@@ -520,7 +519,8 @@ class Plan:
                 rule = f"it makes {self.length / metres:.2g} poses; at most {MAX_ROWS} are possible"
                 raise InputError("step", f"is {step!r}", rule)
             rows = self._edges_on(self._map()).resample(self.waypoints, metres)
-        return fill_path(self.axes, rows, filled, choose_text(frame_id, "frame_id", self.frame_id))
+        frame = self.frame_id if frame_id is None else frame_id
+        return fill_path(self.axes, rows, filled, frame)
 
     @names_options
     def trajectory(

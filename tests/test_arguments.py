@@ -339,7 +339,7 @@ def test_costs_of_another_shape_are_refused():
     ),
     (
         lambda: planners.plan(flat(), P[:2], (0.9, 0.6)).to_path(frame_id=5),
-        "frame_id is 5 ... string",
+        "frame_id is 5 ... name",
     ),
     (lambda: cspace.build_arm_space({}, "robot.urdf"), "arm is a str"),
     (

@@ -532,34 +532,11 @@ def check_text(value: object, name: str) -> str:
     return value
 
 
-def check_names(values: Iterable[str], name: str) -> list[str]:
-    """Return names as a list, also a single string.
-
-    Raises InputError if the values are no list of strings.
-    """
-    if isinstance(values, str):
-        return [values]
-    names = list(values) if isinstance(values, Iterable) else [None]
-    if not all(isinstance(each, str) for each in names):
-        raise make_kind_error(values, name, "it must be a list of names")
-    return names
-
-
 def choose_text(value: object, name: str, default: str) -> str:
     """Return a string, or a default for None or an empty one; raise InputError for another kind."""
     if value is not None and not isinstance(value, str):
         raise make_kind_error(value, name, "it must be a string")
     return value or default
-
-
-def check_plot_axes(ax: object) -> None:
-    """Raise InputError unless pictures can be drawn into axes; None stands for a new figure."""
-    if ax is None:
-        return
-    from matplotlib.axes import Axes
-
-    if not isinstance(ax, Axes):
-        raise InputError("ax", f"is a {type(ax).__name__}", "it must be matplotlib axes")
 
 
 def check_flag(value: object, name: str) -> None:

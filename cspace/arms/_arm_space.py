@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace import BLOCKED, FREE, MIXED, Workspace
-from cspace.arms._checks import check_mapping, check_rigid
+from cspace.arms._checks import check_mapping, check_names, check_rigid
 from cspace.arms._inverse import (
     PoseGoal,
     check_pose_tolerance,
@@ -59,7 +59,6 @@ from cspace.inside import (
     bind_kernel,
     check_finite,
     check_known,
-    check_names,
     check_not_negative,
     check_rng,
     check_text,

@@ -73,3 +73,16 @@ def _make_rigid(matrix: Floats) -> tuple[Floats, bool]:
     # Largest error of an entry of a rotation matrix, because files round them to five digits.
     is_near = np.abs(rigid - matrix).max() < 1e-5
     return rigid, bool(is_near and np.linalg.det(rigid) > 0.0)
+
+
+def check_names(values: Iterable[str], name: str) -> list[str]:
+    """Return names as a list, also a single string.
+
+    Raises InputError if the values are no list of strings.
+    """
+    if isinstance(values, str):
+        return [values]
+    names = list(values) if isinstance(values, Iterable) else [None]
+    if not all(isinstance(each, str) for each in names):
+        raise InputError(name, f"is {values!r:.100}", "it must be a list of names")
+    return names

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cspace.arms._checks import check_mapping, check_rigid
+from cspace.arms._checks import check_mapping, check_names, check_rigid
 from cspace.arms._inverse import DEFAULT_TOLERANCE, Branch, PoseGoal, branch_to, solve_pose
 from cspace.arms._link_speeds import bound_speeds
 from cspace.arms._reading.moveit_messages import read_joint_state
@@ -40,7 +40,6 @@ from cspace.inside import (
     check_count,
     check_finite,
     check_known,
-    check_names,
     check_points,
     check_text,
     check_word,

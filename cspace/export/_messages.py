@@ -25,7 +25,6 @@ from cspace.inside import (
     Floats,
     check_memory,
     check_not_negative,
-    choose_text,
 )
 from cspace.ros import Costmap, JointTrajectoryPoint, OccupancyGrid, PoseStamped
 
@@ -93,7 +92,7 @@ def to_occupancy_grid(
     percent = percent_of_state[states]
     size = {"info.width": grid.shape[0], "info.height": grid.shape[1]}
     filled = OccupancyGrid() if msg is None else msg
-    frame = choose_text(frame_id, "frame_id", space.frame_id)
+    frame = space.frame_id if frame_id is None else frame_id
     return _fill_grid(filled, "nav_msgs/OccupancyGrid", percent, grid, "info", size, frame)
 
 
@@ -164,7 +163,7 @@ def to_costmap(
     nx, ny = grid.shape
     size = {"metadata.size_x": nx, "metadata.size_y": ny}
     filled = Costmap() if msg is None else msg
-    frame = choose_text(frame_id, "frame_id", space.frame_id)
+    frame = space.frame_id if frame_id is None else frame_id
     return _fill_grid(filled, "nav2_msgs/Costmap", costs, grid, "metadata", size, frame)
 
 

@@ -3,6 +3,7 @@
 from cspace.plot._animation import AnimationOptions as AnimationOptions
 from cspace.plot._animation import animate
 from cspace.plot._arms import draw_arm as draw_arm  # for cspace.arms
+from cspace.plot._artists import check_axes as check_axes  # for regions
 from cspace.plot._artists import extend_legend as extend_legend  # for reasons and lanes
 from cspace.plot._artists import plot_rates as plot_rates  # for planners
 from cspace.plot._artists import show_png as show_png  # for all that has a picture

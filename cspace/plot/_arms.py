@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from cspace.inside import Floats, check_plot_axes, transform_surface
+from cspace.inside import Floats, transform_surface
+from cspace.plot._artists import check_axes
 from cspace.plot._surface import Painting, make_polygons, split_surface
 from cspace.plot.scene import GHOST_COLOR, ROBOT_FILL_COLOR, ArmFigure, CellClass, HasPath, Route
 
@@ -33,7 +34,7 @@ def draw_arm(
 
     Besides the arm at ``q``, pale ones stand along the path, or at the start of a failed plan.
     """
-    check_plot_axes(ax)
+    check_axes(ax)
     route = Route(space, path)
     points = route.points
     endpoints = route.endpoints

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Final, cast
 import numpy as np
 
 from cspace import Grid
-from cspace.errors import CspaceError
-from cspace.inside import Bytes, Floats, check_plot_axes, reduce_blocks
+from cspace.errors import CspaceError, InputError
+from cspace.inside import Bytes, Floats, reduce_blocks
 from cspace.plot.scene import (
     ENDPOINT_COLORS,
     PATH_COLOR,
@@ -244,11 +244,21 @@ def extend_legend(axes: Axes, handles: Sequence[Any]) -> None:
     add_legend_below(figure, [*legend.legend_handles, *handles])
 
 
+def check_axes(ax: object) -> None:
+    """Raise InputError unless pictures can be drawn into axes; None stands for a new figure."""
+    if ax is None:
+        return
+    from matplotlib.axes import Axes
+
+    if not isinstance(ax, Axes):
+        raise InputError("ax", f"is a {type(ax).__name__}", "it must be matplotlib axes")
+
+
 def plot_rates(
     times: Floats, curves: Sequence[tuple[str, str, Floats]], ax: Axes | None = None
 ) -> Axes:
     """Draw curves over time, each with its name and the label of its axis, on at most two axes."""
-    check_plot_axes(ax)
+    check_axes(ax)
     left = new_figure(7.5, 3.2).add_subplot() if ax is None else ax
     left.set_xlabel("time (s)")
     axes_by_label: dict[str, Axes] = {}

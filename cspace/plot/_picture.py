@@ -11,10 +11,8 @@ from cspace import CSpace, Workspace
 from cspace.errors import InputError
 from cspace.inside import (
     ConfigurationMap,
-    check_plot_axes,
     check_positive,
     check_suffix,
-    choose_text,
     names_options,
     replacing,
 )
@@ -125,7 +123,7 @@ def plot(
         the map has no rotations but one is given, an option does not fit the kind of picture, or
         ``ax`` is not a matplotlib axes.
     """
-    check_plot_axes(ax)
+    artists.check_axes(ax)
     given: object = space
     if not isinstance(given, ConfigurationMap | Workspace):
         rule = "it must be a map or a workspace; the axes of other pictures have a figure to save"
@@ -173,8 +171,8 @@ def _choose_view(space: CSpace, view: str | None, options: Mapping[str, Any]) ->
     view.
     """
     views = VIEWS[space.grid.dim]
-    kind = choose_text(view, "view", views[0])
-    if kind not in views:
+    kind = views[0] if view is None else view
+    if not isinstance(kind, str) or kind not in views:
         axes = ", ".join(space.axes)
         raise InputError(
             "view",

@@ -16,7 +16,6 @@ from cspace.errors import InputError
 from cspace.inside import (
     Bools,
     Floats,
-    check_plot_axes,
     check_points,
     frozen,
     show_png,
@@ -229,7 +228,9 @@ def plot_regions(regions: Sequence[ConvexRegion], ax: Axes | None, style: dict[s
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
     from scipy.spatial import ConvexHull
 
-    check_plot_axes(ax)
+    from cspace.plot import check_axes
+
+    check_axes(ax)
     dim = regions[0]._positions.vertices.shape[1]
     kind = "3d" if dim == 3 else "rectilinear"
     axes: Any = Figure().add_subplot(projection=kind) if ax is None else ax

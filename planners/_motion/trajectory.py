@@ -27,7 +27,6 @@ from cspace.inside import (
     check_finite,
     check_number,
     check_positive,
-    choose_text,
     frozen,
     names_options,
     number_parts,
@@ -725,7 +724,7 @@ class Trajectory:
                 "a path holds poses",
             )
         filled = Path() if msg is None else msg
-        frame = choose_text(frame_id, "frame_id", self._route.frame_id)
+        frame = self._route.frame_id if frame_id is None else frame_id
         return fill_path(self.axes, self.positions, filled, frame, self.times)
 
     def to_joint_trajectory(self, msg: Any = None, *, frame_id: str = "") -> Any:

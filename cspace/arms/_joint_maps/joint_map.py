@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from cspace import BLOCKED, FREE, MIXED, CSpace, Grid, Robot, Rotations, Workspace
 from cspace.arms._arm_space import ArmSpace
-from cspace.arms._checks import check_mapping
+from cspace.arms._checks import check_mapping, check_names
 from cspace.arms._joint_maps.boxes import CellProofs
 from cspace.arms._model import Arm
 from cspace.arms._snapshots import Snapshot, find_bodies_between
@@ -34,7 +34,6 @@ from cspace.inside import (
     check_finite,
     check_known,
     check_memory,
-    check_names,
     check_positive,
     count_cores,
     map_in_threads,

@@ -10,7 +10,7 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from cspace import make_mesh
-from cspace.arms._checks import check_distinct
+from cspace.arms._checks import check_distinct, check_names
 from cspace.arms._reading.moveit_messages import (
     FIELDS,
     SCENE,
@@ -47,7 +47,6 @@ from cspace.inside import (
     Surface,
     check_finite,
     check_known,
-    check_names,
     check_positive,
     check_word,
     join_surfaces,
