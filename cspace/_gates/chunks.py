@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Final, Literal, NamedTuple, Protocol, runtime_checkable
 
@@ -241,8 +241,8 @@ class Chunk:
 
     rows: Floats
     proven: int | Ints
-    _tubes: ChunkMotions
-    _tracking: Floats  # one for all coordinates, or one for each
+    _tubes: ChunkMotions = field(repr=False)
+    _tracking: Floats = field(repr=False)  # one for all coordinates, or one for each
 
     @property
     def is_proven(self) -> bool | Bools:

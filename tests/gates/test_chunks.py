@@ -199,6 +199,7 @@ def test_a_gate_brakes_for_an_obstacle_that_comes_too_late(room):
     slowed = gate.slow_down((2.3, 2.5, 0.0), (1.0, 0.0), twist_now=(1.0, 0.0))
     assert (slowed.share, bool(slowed.chunk)) == (0.0, False)
     assert "pallet" in slowed.chunk.refusal.names
+    assert repr(slowed.chunk).endswith(f"proven={slowed.chunk.proven})")
     np.testing.assert_allclose(slowed.commands[:, 0], np.arange(9, 0, -1) / 10)
 
 
