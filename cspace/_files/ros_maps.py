@@ -241,7 +241,7 @@ def _find_image(header: Ledger, path: pathlib.Path) -> pathlib.Path:
     beside = pathlib.PureWindowsPath(name).name  # with separators of any system
     if not file.exists() and (path.parent / beside).exists():
         problem = f"has the image {name!r:.200}, which does not exist"
-        raise header.fail(problem, "it must be a file", f"did you mean {beside!r}, beside it?")
+        raise header.fail(problem, f"it must be a file, as {beside!r} beside the map is")
     if not file.resolve().is_relative_to(path.parent.resolve()):
         warn_user(f"{path}: image is {name!r}, which lies outside the folder of the map")
     return file
