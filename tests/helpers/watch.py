@@ -135,8 +135,18 @@ class Robot:
 
     def pose_at(self, time):
         """Return where it was."""
-        begin, pose, twist = next(c for c in reversed(self.cycles) if c[0] <= time or not c[0])
-        return drive(pose, twist, max(time - begin, 0) / 1e9)
+        return self.poses_at(np.array([time]))[0]
+
+    def poses_at(self, times):
+        """Return where it was at times, shape (n, 3)."""
+        begins = np.array([begin for begin, _, _ in self.cycles])
+        numbers = np.maximum(np.searchsorted(begins, times, side="right") - 1, 0)
+        poses = np.empty((len(times), 3))
+        for number in np.unique(numbers):
+            begin, pose, twist = self.cycles[number]
+            chosen = numbers == number
+            poses[chosen] = drive(pose, twist, np.maximum(times[chosen] - begin, 0) / 1e9)
+        return poses
 
     def frame_at(self, frame, time):
         """Return a frame in the map."""
@@ -170,8 +180,7 @@ class Robot:
     def scan(self, people, rays=360, sweep=0):
         """Return the ranges of a laser that sees people, and the floor, since ``sweep`` nanoseconds."""
         instants = self.now - sweep + sweep * np.arange(rays) // max(rays - 1, 1)
-        poses = np.array([self.pose_at(int(instant)) for instant in instants])
-        lasers = make_frame(*poses.T).then(self.mount)
+        lasers = make_frame(*self.poses_at(instants).T).then(self.mount)
         places = lasers.at
         angles = np.arange(rays) * 2.0 * math.pi / rays
         ways = lasers.turn.apply(np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=1))
@@ -220,20 +229,21 @@ class People:
 
     def step(self, pose, brake):
         """Move each person, unless a robot with commands that brake could not stop before them."""
-        bodies = shapely.union_all(sweep(pose, brake))
-        reach = bodies.buffer(self.reaction * MAX_SPEED) if self.reaction else bodies
+        bodies = shapely.multipolygons(sweep(pose, brake))
+        reach = PERSON + self.reaction * MAX_SPEED
         for k, old in enumerate(self.places):
             kind = self.rng.integers(8)
             place = old + self.rng.normal(0.0, 0.04, 2)
             if kind == 0:  # a person comes from behind a door
                 place = pose[:2] + self.rng.normal(0.0, 0.8, 2)
             if kind <= 2:  # the person steps up to within millimetres
-                near = shapely.shortest_line(reach, shapely.Point(place))
+                near = shapely.shortest_line(bodies, shapely.Point(place))
                 touch, far = shapely.get_coordinates(near)
-                gap = PERSON + self.rng.choice([0.001, 0.005, 0.02, 0.06])
-                if np.hypot(*(far - touch)) > 0.0:
-                    place = touch + gap * (far - touch) / np.hypot(*(far - touch))
-            if reach.distance(shapely.Point(place)) > PERSON:
+                gap = reach + self.rng.choice([0.001, 0.005, 0.02, 0.06])
+                length = np.hypot(*(far - touch))
+                if length > reach - PERSON:
+                    place = touch + gap * (far - touch) / length
+            if bodies.distance(shapely.Point(place)) > reach:
                 self.places[k] = place
 
     def measure_distance(self, bodies):
