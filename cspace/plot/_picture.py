@@ -9,13 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
 
 from cspace import CSpace, Workspace
 from cspace.errors import InputError
-from cspace.inside import (
-    ConfigurationMap,
-    check_positive,
-    check_suffix,
-    names_options,
-    replacing,
-)
+from cspace.inside import ConfigurationMap, check_positive, check_suffix, names_options, replacing
 from cspace.plot import _artists as artists
 from cspace.plot._sections import draw_plane, draw_sections
 from cspace.plot._surface import draw_surface

@@ -13,15 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from cspace.errors import InputError
-from cspace.inside import (
-    Bools,
-    Floats,
-    check_points,
-    frozen,
-    show_png,
-    turn_near,
-    warn_of_large,
-)
+from cspace.inside import Bools, Floats, check_points, frozen, show_png, turn_near, warn_of_large
 from cspace.regions._growth import HalfSpaces, Polytope, find_deepest, measure_polytope
 
 if TYPE_CHECKING:

@@ -153,6 +153,8 @@ def test_altitudes_of_zero_are_none_and_others_are_refused():
             if z:
                 with pytest.raises(GeometryError, match=r"shapely\.force_2d drops heights"):
                     read_shapes(source)
+                (shape,) = read_shapes(shapely.force_2d(shapely.Polygon(rows)))
+                assert shape.equals(shapely.Polygon([row[:2] for row in rows]))
             else:
                 (shape,) = read_shapes(source)
                 assert shape.equals(shapely.Polygon([row[:2] for row in corners]))

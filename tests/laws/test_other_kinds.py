@@ -1,4 +1,4 @@
-"""A value of another kind is refused with its name, whichever argument it is given for."""
+"""A value of another kind is taken or refused, whichever argument it is given for."""
 
 from functools import cache, partial
 
